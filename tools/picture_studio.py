@@ -40,8 +40,14 @@ def main(out: Path | None, width: int) -> None:
             size = {"width": width, "height": 860, "deviceScaleFactor": 1, "mobile": width < 500}
             page.call("Emulation.setDeviceMetricsOverride", **size)
             page.open(link)
-            for step in (studio_walk.cell, studio_walk.program, studio_walk.plan):
-                step(page, partial(keep, page, pictures))
+            shot = partial(keep, page, pictures)
+            studio_walk.cell(page, shot)
+            if out is not None:
+                studio_walk.measure(page, shot, folder)
+            studio_walk.program(page, shot)
+            studio_walk.plan(page, shot)
+            if out is not None:
+                studio_walk.choices(page, shot)
         if out is None:
             shutil.copy(pictures / "planned.png", ROOT / "docs" / "images" / "studio.png")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import subprocess
 import sys
@@ -95,6 +96,92 @@ def cell(page: Page, shot: Shot) -> None:
     shot("unknown")
 
 
+def enter(page: Page, name: str, text: str) -> None:
+    """Type into a field in place of what is there."""
+    click(page, name)
+    page.value("document.activeElement.select()")
+    page.call("Input.insertText", text=text)
+    page.value("document.activeElement.blur()")
+
+
+def paste(page: Page, name: str, block: list[list[str]]) -> None:
+    """Paste a block of a spreadsheet into the cell of a table."""
+    text = json.dumps("\n".join("\t".join(row) for row in block))
+    page.value(f"""(() => {{ const data = new DataTransfer(); data.setData('text/plain', {text});
+        document.querySelector('[data-test="{name}"]').dispatchEvent(
+            new ClipboardEvent('paste', {{ clipboardData: data, bubbles: true, cancelable: true }})); }})()""")
+
+
+def simulated(folder: Path) -> list[dict[str, str]]:
+    """Readings of the proposed poses, as a simulated cell shows them that is another one than the cell file."""
+    for command in (
+        "truth cell-small.toml --seed 1 --out truth.toml",
+        "twin measure measure-tracker-frame/proposal.toml --cell cell-small.toml --truth truth.toml --out measured",
+    ):
+        line = [sys.executable, "-m", "counterflex", *command.split()]
+        subprocess.run(line, cwd=folder, check=True, capture_output=True)
+    with (folder / "measured" / "tracker-frame.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+READ = [f"p_tracker_target_{axis}_mm" for axis in "xyz"] + [f"R_tracker_target_r{axis}_deg" for axis in "xyz"]
+
+
+def measure(page: Page, shot: Shot, folder: Path) -> None:
+    """Type what a tracker shows at proposed poses; mistakes are named beside their row; the cell file is updated."""
+    click(page, "go-measure")
+    enter(page, "count", "12")
+    page.wait_text(
+        "page-measure", "identify tracker-frame --propose 12 --cell cell-small.toml --out measure-tracker-frame"
+    )
+    click(page, "propose")
+    page.wait("!!document.querySelector('[data-test=\"row-12\"]')", "the form")
+    readings = [[f"{float(row[name]):.4f}" for name in READ] for row in simulated(folder)]
+    enter(page, "sigma-p_tracker_target-mm", "0.02")
+    enter(page, "sigma-R_tracker_target-deg", "0.003")
+    paste(page, f"cell-1-{READ[0]}", readings[:11])
+    page.wait_text("row-12", "not measured")
+    for column, right, wrong, word in (
+        (0, readings[2][0], f"{float(readings[2][0]) * 1e3:.1f}", "wrong unit"),
+        (1, readings[2][1].replace(".", ","), "1,2,3", "no number"),
+        (2, readings[2][2], "", "missing: z"),
+        (2, readings[2][2], f"{float(readings[2][2]) + 30.0:.4f}", "outlier"),
+    ):
+        enter(page, f"cell-3-{READ[column]}", wrong)
+        page.wait_text("row-3", word)
+        shot(f"measure-{word.split()[0].strip(':')}")
+        enter(page, f"cell-3-{READ[column]}", right)
+        page.wait("document.querySelector('[data-test=\"row-3\"]').innerText === ''", "nothing is wrong")
+    page.wait_text("checked", "11 of 12")
+    page.wait_text("checked", "0 outliers")
+    click(page, "identify")
+    page.wait("!!document.querySelector('[data-test=\"next\"]')", "what to measure next")
+    assert " to " in page.text("parameters")  # intervals
+    shot("identified")
+    from_a_file(page, shot, folder, readings)
+    click(page, "take-cell")
+    page.wait_text("page-measure", "--cell tracker-frame-identified/cell.toml")
+    choose(page, "cell", "cell-small.toml")
+
+
+def from_a_file(page: Page, shot: Shot, folder: Path, readings: list[list[str]]) -> None:
+    """The file of a tracker as it wrote it: a title, units in a row, decimal commas, no joint angles."""
+    rows = [";".join([str(k + 1), *(value.replace(".", ",") for value in row)]) for k, row in enumerate(readings)]
+    text = ["Tracker session 7", "No;X;Y;Z;RX;RY;RZ", ";mm;mm;mm;deg;deg;deg", *rows]
+    (folder / "measured" / "tracker.csv").write_text("\n".join(text), encoding="utf-8")
+    page.value("[...document.querySelectorAll('[data-test=\"source\"] button')][1].dataset.test = 'from-file'")
+    click(page, "from-file")
+    drop(page, "drop-readings", folder / "measured" / "tracker.csv")
+    page.wait_text("checked", "12 rows in tracker.csv")
+    enter(page, "sigma-p_tracker_target-1", "0.02")
+    enter(page, "sigma-R_tracker_target-1", "0.003")
+    page.wait_text("checked", "0 outliers")
+    shot("mapped")
+    click(page, "identify")
+    page.wait_text("now", "tracker-frame-file.toml")
+    page.wait_text("what", "done")
+
+
 CHANGES = "document.querySelector('[data-test=\"stock\"]').dataset.changes"
 """Cells of the stock that were lowered."""
 
@@ -141,6 +228,19 @@ def plan(page: Page, shot: Shot) -> None:
     shot("planned")
 
 
+def choices(page: Page, shot: Shot) -> None:
+    """Posture and compensation side by side; the posture's cell is taken, and given back."""
+    click(page, "go-plan")
+    click(page, "posture")
+    page.wait_text("choices", "groove-posture")
+    assert "groove-krl" in page.text("choices")
+    assert " %" in page.text("choices")
+    shot("choices")
+    click(page, "take-groove-posture")
+    page.wait_text("page-plan", "--cell groove-posture/cell.toml")
+    choose(page, "cell", "cell-small.toml")
+
+
 def report(page: Page, link: str) -> str:
     """Title of the report as the studio serves it: without the rights of the studio."""
     base = link.partition("?")[0]
@@ -167,6 +267,9 @@ def after_the_cut(page: Page, shot: Shot, scan: Path) -> None:
     page.wait_text("page-inspect", "--plan groove-krl")
     click(page, "correct")
     page.wait("!!document.querySelector('[data-test=\"next-groove-krl-next\"]')", "the next program")
+    page.wait_text("history", "expected of the next part")
+    click(page, "accept-groove-krl-next")
+    page.wait_text("page-inspect", "shows an earlier part")  # the scan is not taken for the next part
     shot("inspect")
     click(page, "go-run")
     page.wait_text("page-run", "counterflex panel log")

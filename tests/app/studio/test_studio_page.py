@@ -8,6 +8,8 @@ import pytest
 
 import studio_walk
 from browser import Browser, Page, chromium
+from counterflex.app import examples
+from counterflex.files.cell.cell import read_cell
 
 pytest.importorskip("nicegui", reason="the extra panel is not installed")
 pytestmark = pytest.mark.skipif(chromium() is None, reason="no Chromium on this computer")
@@ -43,9 +45,19 @@ def test_from_an_empty_folder_to_three_programs_and_a_report(tmp_path: Path) -> 
         studio_walk.program(page, nothing)
         studio_walk.plan(page, nothing)
         require_programs(folder)
+        studio_walk.choices(page, nothing)
         assert page.value("document.documentElement.scrollWidth") <= 1280
         assert "groove" in studio_walk.report(page, link)
         assert page.value("self.origin") == "null"  # a page of the folder has no rights in the studio
+
+
+def test_readings_of_an_instrument_become_a_cell_file(tmp_path: Path) -> None:
+    examples.write_all(tmp_path / "cell.toml")
+    with studio_walk.studio(tmp_path) as link, Browser() as browser:
+        page = opened(browser, link)
+        studio_walk.measure(page, nothing, tmp_path)
+        assert page.value("document.documentElement.scrollWidth") <= 1280
+    assert read_cell(tmp_path / "tracker-frame-identified" / "cell.toml").tables.identified
 
 
 @pytest.mark.long

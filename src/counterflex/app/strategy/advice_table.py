@@ -12,10 +12,12 @@ from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading
 from counterflex.app.named_lines import with_files
 from counterflex.app.strategy.advice import Advice, WallOperation, advise
+from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM, MM_PER_MIN, RPM, UM, UM_PER_KN
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.summary_file import SUMMARY, write_summary
 from counterflex.plan.strategy.advise import Choices
 from counterflex.plan.strategy.zero import normal_errors, normal_force, zero_width
 
@@ -25,17 +27,22 @@ def run(
     program: str | Path | None,
     operation: WallOperation,
     *,
+    out: Path | None = None,
     assume_class: bool = False,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Do the job on files; returned is what is printed, in shop units, with the files of its lines."""
+    """Do the job on files; returned is what is printed, in shop units, with the files of its lines.
+
+    ``out``: Folder for ``summary.json``, or None.
+    """
     cell = read_cell(cell_file, assume_class=assume_class)
     advice = advise(cell, operation, program, reading=reading, progress=progress)
     choices, own = advice.choices, advice.own
     violated = {name: int(np.count_nonzero(used > 1.0 + 1e-9)) for name, used in choices.use.items()}
     place = advice.place
     answer = {
+        "job": "plan strategy",
         "cell": cell.label,
         "robot": cell.robot.name,
         "program": None if program is None else Path(program).name,
@@ -59,7 +66,11 @@ def run(
         "modes": _modes(advice),
         "counterflex": __version__,
     }
-    return answer if program is None else with_files(answer, reading.program(program, cell))
+    answer = answer if program is None else with_files(answer, reading.program(program, cell))
+    if out is not None:
+        with atomic.atomic_folder(out) as staging:
+            write_summary(staging / SUMMARY, answer)
+    return answer
 
 
 def shown(choices: Choices, row: int, law: ForceLaw) -> dict[str, Any]:

@@ -26,9 +26,8 @@ from counterflex.core.units import DEG
 from counterflex.cutting import material
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import POSE_KEYS
+from counterflex.identify.recipes import RECIPES
 from counterflex.robot.model.controller_axes import shown_limits
-
-_PROPOSED = 20
 
 
 class CellPage:
@@ -258,22 +257,12 @@ class CellPage:
         ]
         table(texts.UNKNOWN_COLUMNS, rows, mark="unknowns")
         for recipe in dict.fromkeys(row["measure"].split()[1] for row in unknowns["rows"]):
-            Action(
-                self._desk,
-                f"measure-{recipe}",
-                f"{texts.MEASURE}: {recipe}",
-                partial(self._measure_lines, recipe),
-                str,
-                self._measured,
-                main=False,
-            )
+            button = ui.button(f"{texts.MEASURE}: {recipe}", on_click=partial(self._measure, recipe))
+            button.props(f'no-caps outline data-test="measure-{recipe}"').set_enabled(recipe in RECIPES)
 
-    def _measure_lines(self, recipe: str) -> list[str]:
-        out = f"measure-{recipe}"
-        return [next_command(f"identify {recipe}", propose=_PROPOSED, cell=self._desk.cell, out=out)]
-
-    async def _measured(self, job: QueuedCommand) -> None:
-        self.fault.show(job.error)
+    async def _measure(self, recipe: str) -> None:
+        if self._desk.measure is not None:
+            await self._desk.measure(recipe)
 
     def _draw(self) -> None:
         """Send the bodies of the cell to the browser."""

@@ -39,6 +39,7 @@ class Workbench:
         self.cell = self.program = ""
         self.changed: list[Callable[[], Awaitable[None]]] = []
         self.go: Callable[[str], None] = lambda _: None
+        self.measure: Callable[[str], Awaitable[None]] | None = None
         self.at_line: Callable[[int], Awaitable[None]] | None = None
         self._seen = sum(job.ended for job in queue.jobs)
         self._ends: list[tuple[QueuedCommand, Ended]] = []
@@ -97,6 +98,11 @@ class FaultBanner:
     def __init__(self, mark: str) -> None:
         self._label = ui.label("").classes("st-fault").props(f'role="alert" data-test="{mark}"')
         self.show("")
+
+    @property
+    def shown(self) -> bool:
+        """A fault is shown."""
+        return bool(self._label.text)
 
     def show(self, text: str) -> None:
         """Show a text; empty takes the last one away."""
@@ -273,8 +279,8 @@ class SceneView(Element, component="view.js", esm={"counterflex-cell-view": _SHA
         """Draw the bodies of a cell at angles of the axes, rad as the controller computes with them."""
         self.run_method("cell", scene.bodies, scene.frames(q))
 
-    def stand(self, scene: CellScene, q: Float, compliance_um_per_n: list[float]) -> None:
-        """Move the robot to angles; the ellipsoid is the deflection under 100 N."""
+    def stand(self, scene: CellScene, q: Float, compliance_um_per_n: list[float] | None) -> None:
+        """Move the robot to angles; the ellipsoid, where there is one, is the deflection under 100 N."""
         self.run_method("pose", scene.frames(q), compliance_um_per_n)
 
     def show_way(self, drawn: dict[str, Any], source: list[str], *, near: bool) -> None:

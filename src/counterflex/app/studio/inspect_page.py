@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -45,17 +46,30 @@ class InspectPage:
             with ui.column().classes("st-block"):
                 self._plan = ui.select([], label=texts.MADE_BY, on_change=self._refresh_actions).classes("st-full")
                 self._plan.props('data-test="made-by"')
+                self._measured = ui.select([], label=texts.MEASURED_BY, on_change=self._refresh_actions)
+                self._measured.classes("st-full").props('data-test="measured-by"')
                 ui.label(texts.CORRECT_HELP).classes("st-note")
                 self._correct = Action(
                     desk, "correct", texts.CORRECT, self._correct_line, self._lacking_for_correction, self._ended
                 )
                 self._next = ui.column().classes("st-form")
+        self._history = ui.column().classes("st-form")
         desk.changed.append(self.refresh)
 
     def _lacking(self, what: str) -> str:
         return self._desk.lacking() or texts.NEEDS.format(what=what)
 
+    def _used_before(self) -> bool:
+        """The chosen plan has come of the chosen scan: it shows an earlier part."""
+        if not self._plan.value or not self._measured.value:
+            return False
+        parts = self._desk.project.summary(self._plan.value).get("correct", {}).get("parts", [])
+        judged = self._desk.project.summary(self._measured.value).get("parts", {}).values()
+        return bool({part["source"] for part in parts} & {one["scan"]["file"] for one in judged if "scan" in one})
+
     def _lacking_for_correction(self) -> str:
+        if self._used_before():
+            return texts.SCAN_OF_EARLIER
         return self._lacking(texts.MADE_BY if not self._plan.value else texts.INSPECT)
 
     async def _dropped(self, name: str) -> None:
@@ -70,12 +84,11 @@ class InspectPage:
         return [next_command("inspect", self._desk.program, cell=self._desk.cell, scan=scan, out=out)]
 
     def _correct_line(self) -> list[str]:
-        judged = self._desk.project.results(self._desk.program, "inspect") if self._desk.program else []
-        if self._desk.lacking() or not judged or not self._plan.value:
+        plan, scan = self._plan.value, self._measured.value
+        if self._desk.lacking() or not scan or not plan or self._used_before():
             return []
-        plan = str(self._plan.value)
         out = f"{plan}-next"
-        return [next_command("correct", self._desk.program, cell=self._desk.cell, plan=plan, scan=judged[-1], out=out)]
+        return [next_command("correct", self._desk.program, cell=self._desk.cell, plan=plan, scan=scan, out=out)]
 
     def _refresh_actions(self) -> None:
         self._inspect.refresh()
@@ -90,14 +103,20 @@ class InspectPage:
         project, program = self._desk.project, self._desk.program
         _offer(self._scan, project.scans())
         _offer(self._plan, project.plans(program))
+        _offer(self._measured, project.results(program, "inspect"), newest=True)
         self._refresh_actions()
         self._judged.clear()
         with self._judged:
             for folder in project.results(program, "inspect"):
                 self._show_features(folder, project.summary(folder))
+        corrected = project.results(program, "correct")
+        self._history.clear()
+        with self._history:
+            if corrected:
+                self._show_history(project.summary(corrected[-1])["correct"])
         self._next.clear()
         with self._next:
-            for folder in project.results(program, "correct"):
+            for folder in corrected:
                 summary = project.summary(folder)
                 with card("st-card", f"next-{folder}"):
                     ui.label(f"{folder}: {language(summary)}").classes("st-title")
@@ -105,6 +124,26 @@ class InspectPage:
                     now, *after = (expected[key] / 1000.0 for key in _EXPECTED)
                     error_bars(texts.CORRECTED, (now, now, now), after, mark=f"bars-{folder}")
                     result_links(self._desk, folder)
+                    accept = ui.button(texts.ACCEPT, on_click=partial(self._plan.set_value, folder))
+                    accept.props("no-caps outline").props["data-test"] = f"accept-{folder}"
+
+    def _show_history(self, correct: dict[str, Any]) -> None:
+        """Parts of the program one after the other, and what is expected of the next."""
+        expected = correct["expected"]
+        rows = [
+            [
+                str(part["part"]),
+                str(part["source"]),
+                f"{part['surface_p997_um'] / 1e3:.3f}",
+                f"{part['error_rms_um'] / 1e3:.3f}",
+                "" if part.get("changed_um") is None else f"{part['changed_um'] / 1e3:.3f}",
+            ]
+            for part in correct["parts"]
+        ]
+        low, high = (expected[key] / 1e3 for key in _EXPECTED[2:])
+        value = f"{expected['next_p997_um'] / 1e3:.3f} ({low:.3f} to {high:.3f})"
+        ui.label(texts.HISTORY).classes("st-title")
+        table(texts.HISTORY_COLUMNS, [*rows, [str(len(rows) + 1), texts.EXPECTED_PART, value, "", ""]], mark="history")
 
     def _show_features(self, folder: str, summary: dict[str, Any]) -> None:
         ui.label(folder).classes("st-title")
@@ -154,8 +193,9 @@ class RunPage:
                     command_text(line)
 
 
-def _offer(select: ui.select, names: list[str]) -> None:
-    """Offer names; the newest is chosen where none was."""
-    value = select.value if select.value in names else (names[-1] if names else None)
+def _offer(select: ui.select, names: list[str], *, newest: bool = False) -> None:
+    """Offer names; the newest is chosen where none was, or with ``newest`` where there is a new one."""
+    known = select.value in names and not (newest and names != select.options)
+    value = select.value if known else (names[-1] if names else None)
     if names != select.options or value != select.value:
         select.set_options(names, value=value)

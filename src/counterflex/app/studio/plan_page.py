@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from nicegui import ui
 
 from counterflex.app.studio import texts
+from counterflex.app.studio.choices import choices
 from counterflex.app.studio.desk import Action, FaultBanner, Workbench, card, error_bars, language, result_links, table
 from counterflex.app.studio.jobs import QueuedCommand
 from counterflex.core.next_command import next_command
@@ -32,6 +34,7 @@ class PlanPage:
                     self._action("check", texts.CHECK, self._check_line),
                     self._action("posture", texts.POSTURE, self._posture_line, main=False, tip=texts.POSTURE_HELP),
                     self._action("place", texts.PLACE, self._place_line, main=False, tip=texts.PLACE_HELP),
+                    self._action("strategy", texts.STRATEGY, self._strategy_line, main=False, tip=texts.STRATEGY_HELP),
                 ]
                 self._checks = ui.column().classes("st-form")
             with ui.column().classes("st-block"):
@@ -44,11 +47,13 @@ class PlanPage:
                 for box in self._languages.values():
                     box.on_value_change(self._refresh_actions)
                 self._assume = ui.checkbox(texts.ASSUME, on_change=self._refresh_actions).props('data-test="assume"')
+                self._feed = ui.checkbox(texts.FEED, on_change=self._refresh_actions).props('data-test="feed"')
                 self._actions += [
                     self._action("compensate", texts.COMPENSATE, self._compensate_lines),
                     self._action("prove", texts.PROVE, self._prove_line, tip=texts.PROVE_HELP),
                 ]
                 self._results = ui.column().classes("st-form")
+        self._choices = ui.column().classes("st-form")
         desk.changed.append(self.refresh)
 
     def _action(
@@ -74,6 +79,10 @@ class PlanPage:
         desk = self._desk
         return [next_command("plan placement", desk.program, cell=desk.cell, out=self._out("placed"))]
 
+    def _strategy_line(self) -> list[str]:
+        desk = self._desk
+        return [next_command("plan strategy", desk.program, cell=desk.cell, out=self._out("strategy"))]
+
     def _prove_line(self) -> list[str]:
         desk = self._desk
         return [
@@ -88,10 +97,11 @@ class PlanPage:
 
     def _compensate_lines(self) -> list[str]:
         desk, words = self._desk, [word for word, box in self._languages.items() if box.value]
+        fast = self._feed.value is True
         return [
             next_command(
-                "compensate", desk.program, cell=desk.cell, out=self._out(word), as_=word,
-                assume_class=self._assume.value is True,
+                "compensate", desk.program, cell=desk.cell, out=self._out(f"{word}-fast" if fast else word), as_=word,
+                assume_class=self._assume.value is True, programmed_feed=fast,
             )
             for word in words
         ]  # fmt: skip
@@ -112,6 +122,9 @@ class PlanPage:
         with self._checks:
             for folder in project.results(program, "preflight")[-1:]:
                 self._show_checks(folder)
+        self._choices.clear()
+        with self._choices:
+            self._show_choices()
         self._results.clear()
         with self._results:
             plans = project.plans(program)
@@ -121,6 +134,23 @@ class PlanPage:
                 self._show_proof(folder)
             if not plans:
                 ui.label(texts.NO_RESULTS).classes("st-note")
+
+    def _show_choices(self) -> None:
+        """Choices side by side, the smallest error first, each with its gain and the cell file that makes it."""
+        rows = choices(self._desk.project, self._desk.program) if self._desk.program else []
+        if not rows:
+            return
+        ui.label(texts.CHOICES).classes("st-title")
+        ui.label(texts.CHOICES_HELP).classes("st-note")
+        made = table(texts.CHOICE_COLUMNS, [[*one.row(), ""] for one in rows], mark="choices")
+        for one, line in zip(rows, list(made)[1:], strict=True):
+            if one.cell and one.cell != self._desk.cell:
+                with list(line)[-1]:
+                    take = ui.button(texts.TAKE, on_click=partial(self._desk.choose, one.cell)).props(
+                        "flat dense no-caps"
+                    )
+                    take.props["data-test"] = f"take-{one.folder}"
+                    take.classes("st-jump")
 
     def _show_checks(self, folder: str) -> None:
         summary = self._desk.project.summary(folder)

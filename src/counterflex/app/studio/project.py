@@ -9,11 +9,17 @@ from typing import Any, Final
 
 from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
+from counterflex.files.dataset.proposal import PROPOSAL
 from counterflex.programs.language import LANGUAGES
 
 SCANS: Final = (".ply", ".stl", ".obj", ".e57", ".las", ".laz", ".pcd", ".ptx", ".csv", ".xyz", ".asc")
 """Endings of files that may be a scan of a part."""
 SUMMARY: Final = "summary.json"
+_JOBS: Final = {"checks": "preflight", "chosen": "choice"}
+"""Jobs by a key of their summary, where it does not name them."""
+IDENTIFIED: Final = "result.json"
+_HEAD: Final = 4096
+"""Bytes at the beginning of a proposal that name its recipe."""
 _CELL: Final = "counterflex-cell"
 _MOST: Final = 1 << 20
 """Bytes of a file that may be a cell file."""
@@ -42,20 +48,43 @@ class Project:
         """Folders of results of jobs for a program, the newest last."""
         folders = []
         for path in sorted(self.folder.glob(f"*/{SUMMARY}"), key=lambda one: one.stat().st_mtime):
-            summary = self.summary(self.name(path.parent))
-            job = summary.get("job", "preflight" if "checks" in summary else "")
-            if job in jobs and summary.get("program") == Path(program).name:
-                folders.append(self.name(path.parent))
+            name = self.name(path.parent)
+            if self.job(name) in jobs and self.summary(name).get("program") == Path(program).name:
+                folders.append(name)
         return folders
+
+    def job(self, folder: str) -> str:
+        """Job that has written the summary of a folder; ``choice``: of a posture or a place."""
+        summary = self.summary(folder)
+        return str(summary.get("job") or next((job for key, job in _JOBS.items() if key in summary), ""))
 
     def plans(self, program: str) -> list[str]:
         """Folders with a plan for a program, the newest last."""
         return self.results(program, "compensate", "correct")
 
+    def forms(self, recipe: str) -> list[str]:
+        """Folders with a form of measurements for a recipe, the newest last."""
+        mark = f'recipe = "{recipe}"'.encode()
+        paths = sorted(self.folder.glob(f"*/{PROPOSAL}"), key=lambda one: one.stat().st_mtime)
+        return [self.name(path.parent) for path in paths if mark in file_content.content(path)[:_HEAD]]
+
+    def identified(self, recipe: str) -> list[str]:
+        """Folders with values that a recipe has identified, the newest last."""
+        paths = sorted(self.folder.glob(f"*/{IDENTIFIED}"), key=lambda one: one.stat().st_mtime)
+        names = [self.name(path.parent) for path in paths]
+        return [name for name in names if self.identification(name).get("recipe") == recipe]
+
+    def identification(self, folder: str) -> dict[str, Any]:
+        """``result.json`` of a folder of identified values; empty where there is none that can be read."""
+        return self._values(folder, IDENTIFIED)
+
     def summary(self, folder: str) -> dict[str, Any]:
         """``summary.json`` of a folder of results; empty where there is none that can be read."""
+        return self._values(folder, SUMMARY)
+
+    def _values(self, folder: str, name: str) -> dict[str, Any]:
         try:
-            content = file_content.json_value(self.folder / folder / SUMMARY)
+            content = file_content.json_value(self.folder / folder / name)
         except (FileFormatError, OSError):
             return {}
         return content if isinstance(content, dict) else {}

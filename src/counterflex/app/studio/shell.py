@@ -11,6 +11,7 @@ from counterflex.app.studio.cell_page import CellPage
 from counterflex.app.studio.desk import Workbench, command_text
 from counterflex.app.studio.inspect_page import InspectPage, RunPage
 from counterflex.app.studio.jobs import CommandQueue, QueuedCommand
+from counterflex.app.studio.measure_page import MeasurePage
 from counterflex.app.studio.plan_page import PlanPage
 from counterflex.app.studio.program_page import ProgramPage
 from counterflex.app.studio.project import Project
@@ -18,6 +19,7 @@ from counterflex.app.studio.project import Project
 _TICK_S: Final = 0.4
 _PAGES: Final[dict[str, Any]] = {
     "cell": CellPage,
+    "measure": MeasurePage,
     "program": ProgramPage,
     "plan": PlanPage,
     "inspect": InspectPage,

@@ -81,8 +81,8 @@ def show_proposal(proposal: dict[str, Any], out: Path, cell: Path) -> None:
     manifest = f"{proposal['recipe']}.toml"
     if manifest in proposal["files"]:
         typer.echo(
-            f"next: measure the rows of proposal.csv in their order, fill {proposal['recipe']}.csv, state sigma in"
-            f" {manifest}, then "
+            f"next: measure the rows of proposal.csv in their order, fill {proposal['recipe']}.csv or name the file of"
+            f" the instrument in {manifest}, state sigma there, then "
             + next_command(f"identify {proposal['recipe']}", out / manifest, cell=cell, out="identified")
         )
         typer.echo(

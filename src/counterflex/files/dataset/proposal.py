@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +17,7 @@ from counterflex.files.dataset.table import read_table
 from counterflex.files.dataset.units import settings_shop, settings_si, toml_line
 from counterflex.files.dataset.writer import DIGITS, column_names
 from counterflex.files.schema import Versioned, write_toml
-from counterflex.identify.data.channels import CHANNELS, CHANNELS_OF, SETTINGS
+from counterflex.identify.data.channels import CHANNELS, CHANNELS_OF, SAMPLED, SETTINGS
 from counterflex.identify.recipe import Proposal
 
 KIND: Final = "counterflex-proposal"
@@ -121,11 +121,11 @@ def _write_form(folder: Path, proposal: Proposal, proposed: Mapping[str, list[st
     if channels is None:
         return
     manifest, measured = form_names(proposal.recipe)
-    count = len(next(iter(proposed.values())))
+    count = 0 if proposal.kind in SAMPLED else len(next(iter(proposed.values())))
     names: list[str] = []
     cells: list[list[str]] = []
     lines = [
-        f"# Fill {measured}, state the standard deviations (sigma, in the channel's unit), then:",
+        f"# Fill {measured}, or name another file with its columns; state the standard deviations (sigma), then:",
         f"# {next_command(f'identify {proposal.recipe}', manifest, cell='CELL', out='DIR')}",
         f'format = "{DATASET}"',
         f"version = {DATASET_VERSION}",
@@ -140,7 +140,8 @@ def _write_form(folder: Path, proposal: Proposal, proposed: Mapping[str, list[st
     for channel in channels:
         own = column_names(channel, CHANNELS[channel], CHANNELS[channel].allowed[-1])
         names += own
-        cells += [proposed.get(name, [""] * count) for name in own]
+        planned = [planned_for(name, channel, proposed) for name in own]
+        cells += [proposed[one][:count] if one else [""] * count for one in planned]
         lines += _channel_lines(channel, own, measured=not all(name in proposed for name in own))
     known = {key: value for key, value in proposal.settings.items() if settings_si(key, 0.0)[0] in SETTINGS}
     if known:
@@ -148,6 +149,11 @@ def _write_form(folder: Path, proposal: Proposal, proposed: Mapping[str, list[st
         lines += [f"{key} = {toml_line(value)}" for key, value in (settings_shop(k, v) for k, v in known.items())]
     _write_csv(folder / measured, names, cells)
     atomic.write_text(folder / manifest, "\n".join(lines) + "\n")
+
+
+def planned_for(name: str, channel: str, proposed: Iterable[str]) -> str:
+    """Column of a proposal that a column of its form begins with: ``fx_n`` for ``f_tcp_base_fx_n``; empty: none."""
+    return next((one for one in proposed if one == name or name == f"{channel}_{one}"), "")
 
 
 def _write_csv(path: Path, names: list[str], columns: list[list[str]]) -> None:

@@ -270,11 +270,23 @@ CHANNELS_OF: Final[dict[str, tuple[str, ...]]] = {
     "tracker_points": ("q", "p_tracker_target"),
     "distances": ("q", "distance"),
     "planes": ("q", "plane"),
-    "pulls": ("q", "w_tcp_base", "d_tcp_base"),
+    "pulls": ("q", "f_tcp_base", "d_tcp_base"),
+    "cubes": ("q", "w_tcp_base", "pair", "p_base_before", "p_base_after", "d_before_base", "d_after_base"),
+    "reversals": ("time_s", "q_motor", "tau_motor", "p_tracker_target"),
+    "record": ("time_s", "q_motor", "p_base_command", "p_base_tcp", "p_tracker_target"),
+    "servo_steps": ("time_s", "q_command", "q_motor", "tau_motor", "f_tcp_base"),
     "sensor_poses": ("q", "w_sensor", "temperature_c"),
+    "sensor_motion": ("time_s", "q", "w_sensor"),
+    "holder_loads": ("f_tcp_holder", "p_holder_load", "strain"),
+    "slots": (
+        "time_s", "q", "f_tcp_base", "feed_direction", "feed_rate", "spindle_speed", "depth", "width", "tool", "blank",
+    ),
     "fiducials": ("p_base_fiducial", "p_tracker_fiducial"),
-}
+}  # fmt: skip
 """Channels of the form that a proposal for such data comes with."""
+
+SAMPLED: Final = frozenset({"cubes", "reversals", "record", "servo_steps", "sensor_motion", "slots"})
+"""Kinds of datasets with many rows for one proposed measurement: the form has no rows, an instrument writes them."""
 
 SETTINGS: Final[dict[str, str]] = {
     "payload_kg": "additional mass on the flange, not in the cell file",

@@ -12,7 +12,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import AssumeClass, CellFile, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import line_of, print_result, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, line_of, print_result, print_table, progress_bar
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
 from counterflex.core.units import DEG, MM, PERCENT, RPM
 
@@ -98,6 +98,10 @@ def strategy(
     requested: WallOptions,
     assume_class: AssumeClass = False,
     source: ReadingOptions,
+    out: Annotated[
+        Path | None,
+        option("--out", "Folder for summary.json; made when missing.", arguments.output_folder, "DIR"),
+    ] = None,
     as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
 ) -> None:
     """Rank the ways to finish a wall: up- or down-milling, widths, depths, feeds per tooth, spindle speeds.
@@ -114,9 +118,17 @@ def strategy(
     """
     from counterflex.app.strategy import advice_table
 
+    if out is not None:
+        keep_inputs(out, cell, program, source.parameters)
     with progress_bar("strategy" if program is None else f"strategy for {program.name}") as progress:
         answer = advice_table.run(
-            cell, program, requested.operation(), assume_class=assume_class, reading=source.reading(), progress=progress
+            cell,
+            program,
+            requested.operation(),
+            out=out,
+            assume_class=assume_class,
+            reading=source.reading(),
+            progress=progress,
         )
     print_result(answer, as_json, _show)
 
