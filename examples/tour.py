@@ -11,7 +11,7 @@ from counterflex.app.inputs import read_job, setting_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM
 from counterflex.files.cell.cell import read_cell
-from counterflex.geometry import wrench
+from counterflex.geometry import pose as wrench
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.robot.elasticity import compliance, gravity
 

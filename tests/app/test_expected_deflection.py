@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from counterflex.app.posture import posture_of
-from counterflex.cli.predicted import expected_text
+from counterflex.cli.output import expected_text
 from counterflex.files.cell.cell import read_cell
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"

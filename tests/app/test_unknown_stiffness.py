@@ -9,7 +9,7 @@ import pytest
 
 from counterflex.app.campaign import campaign
 from counterflex.app.compensation.compensate import compensate, run
-from counterflex.app.identification.recipe_settings import read_settings, starting_cell
+from counterflex.app.identification.cell_model import read_settings, starting_cell
 from counterflex.app.inputs import setting_of
 from counterflex.app.proof.prove import prove
 from counterflex.app.proof.truth import truth_of

@@ -13,11 +13,11 @@ from typing import Any, Final
 import pytest
 
 import counterflex
-from counterflex.app.log_export.rerun import require_rerun
+from counterflex.app.log_export.job import require_rerun
 from counterflex.app.opcua import settings as opcua
 from counterflex.app.panel import settings as panel
 from counterflex.core.errors import CounterflexError
-from counterflex.files.certificate.schema_check import require_library
+from counterflex.files.certificate.document import require_library
 from counterflex.files.dataset import instrument_files
 from counterflex.files.scan import by_library
 from counterflex.integrations.beckhoff.link import link as ads

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.error_budget import REMAINDER, error_budget
-from counterflex.evaluate.iso230.circularity import circularity
+from counterflex.evaluate.iso230.circular_test import circularity
 
 ANGLE: Float = np.linspace(0.0, 2 * np.pi, 721)
 

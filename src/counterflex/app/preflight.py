@@ -35,8 +35,8 @@ from counterflex.plan.preflight.speed_row import slower, speed_in_cut
 from counterflex.programs.approximation import approximation_m
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.stated.posture import stated_postures
 from counterflex.programs.stated.remarks import stated
+from counterflex.programs.stated.two_readings import stated_postures
 from counterflex.twin.plant.simulate import mounted_tools
 
 CHECK: Final = "nominal geometry"

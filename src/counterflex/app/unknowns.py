@@ -7,7 +7,7 @@ them. At rest and linear: what it is in motion, a plan says.
   beyond its median; of an element of the file, ``STATED`` of its deflection, or its standard deviation once
   identified.
 - Stiffness of a spindle, bracket or holder that states no compliance: the whole deflection by published ones
-  (:mod:`counterflex.robot.model.end_effector_prior`). It is planned as rigid.
+  (:mod:`counterflex.robot.model.class_prior`). It is planned as rigid.
 - Cutting force: :data:`HANDBOOK` of the deflection, and up to :data:`WORN` more of a worn tool, until constants are
   identified.
 - Play and friction: of an axis without ``[[robot.play]]``, what a robot of the class loses beyond what the plan takes
@@ -35,7 +35,7 @@ from counterflex.robot.elasticity import play
 from counterflex.robot.elasticity.axis_springs import axis_deflections
 from counterflex.robot.elasticity.chain import frames, jacobian
 from counterflex.robot.elasticity.compliance import shares
-from counterflex.robot.model import end_effector_prior
+from counterflex.robot.model import class_prior as end_effector_prior
 from counterflex.robot.model.class_prior import HALF_BAND_RAD, arm_over_axis, drawn_play
 
 HANDBOOK: Final = 0.3

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from counterflex.cli import interrupt
-from counterflex.cli.commands.operate import requests
+from counterflex.cli.commands.operate import operator
 from counterflex.cli.interrupt import end, interruptible
-from counterflex.cli.printed import everything_is_text, print_fault
+from counterflex.cli.output import everything_is_text, print_fault
 from counterflex.core.errors import CounterflexError, Interrupted
 from counterflex.core.system_fault import system_fault
 
@@ -73,7 +73,7 @@ def _done(words: Sequence[str]) -> object:
 
         print(sentence(__version__))
         return 0
-    status = requests.quick(words)
+    status = operator.quick(words)
     return _parsed(words) if status is None else status
 
 

@@ -14,7 +14,7 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.feature_finding import CircularPocket, Feature, Groove
 from counterflex.evaluate.floor_filter import FloorMap
-from counterflex.evaluate.iso230.circularity import circularity
+from counterflex.evaluate.iso230.circular_test import circularity
 from counterflex.evaluate.measured_values import (
     OWN_FLOOR_M,
     MeasurablePart,

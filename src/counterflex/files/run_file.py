@@ -12,7 +12,7 @@ from typing import Any
 from counterflex.core.units import DEG, MM, URAD
 from counterflex.files.parquet_table import Column, columns, read, write
 from counterflex.files.summary_file import require_whole
-from counterflex.path.run import Run
+from counterflex.path.toolpath import Run
 
 KIND = "counterflex-run"
 VERSION = 2

@@ -12,8 +12,7 @@ from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import AS_IT_IS, read_job
 from counterflex.app.placement import placement, placement_map
-from counterflex.app.placement.region import Wish
-from counterflex.app.placement.spindle_mounting import Mounting
+from counterflex.app.placement.region import Mounting, Wish
 from counterflex.app.posture import posture_of
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell

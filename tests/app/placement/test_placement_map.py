@@ -14,9 +14,9 @@ import pytest
 
 from counterflex.app import modes
 from counterflex.app.placement import placement_map
+from counterflex.app.placement.placement_map import map_figure
 from counterflex.app.placement.region import Wish
 from counterflex.core.errors import InputError
-from counterflex.report.placement_map_page import map_figure
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 CELL, GROOVE = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs" / "groove.ngc"

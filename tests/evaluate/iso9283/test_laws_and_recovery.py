@@ -11,9 +11,8 @@ from hypothesis import given, settings, strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.iso9283.commanded_path import path_of
 from counterflex.evaluate.iso9283.intervals import largest_repeatability, mean_distance
-from counterflex.evaluate.iso9283.path_cycles import path_cycles
+from counterflex.evaluate.iso9283.path_cycles import path_cycles, path_of
 from counterflex.evaluate.iso9283.path_figures import corners, path_figures
 from counterflex.evaluate.iso9283.poses import PoseCycles, pose_figures
 from counterflex.evaluate.iso9283.standstills import assigned, fitted_frame, ordered_cycles, pose_cycles, standstills

@@ -12,10 +12,8 @@ import numpy as np
 
 from counterflex.app.campaign.axes import CHOSEN, PRESENT, CampaignSetup, branch_and_rotation
 from counterflex.app.campaign.parameter_errors import parameter_errors
-from counterflex.app.campaign.plan import CampaignRecipe
-from counterflex.app.campaign.step import CELL, step
-from counterflex.app.compensation.compensate import compensate
-from counterflex.app.compensation.feed_limits import limited_feed
+from counterflex.app.campaign.step import CELL, CampaignRecipe, step
+from counterflex.app.compensation.compensate import compensate, limited_feed
 from counterflex.app.compensation.languages import own_language, write
 from counterflex.app.inputs import faults_in, in_working_plane, read_in_plane, read_job, setting_of
 from counterflex.app.long_jobs.task import Reads, Task, Writes

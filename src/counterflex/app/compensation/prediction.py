@@ -12,10 +12,11 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
-from counterflex.app.compensation.chip_remark import extrapolation, extrapolation_text
 from counterflex.app.compensation.headline import (
     LISTED,
     error_rows,
+    extrapolation,
+    extrapolation_text,
     headline_of,
     named_lines,
     worse_lines,
@@ -39,8 +40,7 @@ from counterflex.plan.lasting_swing import lasting_swings
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
-from counterflex.programs.stated.posture import other_postures
-from counterflex.programs.stated.two_readings import doubtful_readings
+from counterflex.programs.stated.two_readings import doubtful_readings, other_postures
 from counterflex.report.data import Fact, FeedData, PredictionData
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.elastic_region import beyond_regions

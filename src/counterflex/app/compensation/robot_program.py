@@ -16,8 +16,8 @@ from counterflex.programs.language import forms_of
 from counterflex.programs.limits import RESERVED
 from counterflex.programs.program import Program, has_g
 from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.robot_writer.implied_stops import implied_stops
-from counterflex.programs.robot_writer.parts import changes_tool
+from counterflex.programs.robot_writer.spaced_points import implied_stops
+from counterflex.programs.robot_writer.writer import changes_tool
 
 _HOMING: Final = frozenset((28.0, 30.0, 53.0))
 _NAME_CHARACTERS: Final = 20

@@ -24,9 +24,8 @@ from counterflex.app.correction.decide import LIMIT_M, measured_error, next_step
 from counterflex.app.correction.result import Corrected, MeasuredScan
 from counterflex.app.correction.scans import in_part_axes, read_scan
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
-from counterflex.app.named_lines import with_files
 from counterflex.app.plan_of_cell import require_of_cell
-from counterflex.app.robot_programs import inputs_of
+from counterflex.app.robot_programs import inputs_of, with_files
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError

@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any, Final
 
-from counterflex.core import atomic, file_lock
+from counterflex.core import atomic, held
 from counterflex.core.errors import FileFormatError
 from counterflex.files.identification_archive import ArchivedRun, keep_inputs, run_name, runs_below
 
@@ -24,7 +24,7 @@ def keep(
 
     ``result``: Content of ``result.json``. ``taken``: Archive in which the run will end up; its name is new there.
     """
-    with file_lock.alone(archive / "run"):  # two runs of one second get two names
+    with held.alone(archive / "run"):  # two runs of one second get two names
         folder = archive / run_name(result["date"], result["recipe"], taken)
         with atomic.atomic_folder(folder) as inside:
             for path in sorted(staging.iterdir()):

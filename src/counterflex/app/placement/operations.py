@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 
 from counterflex.app.inputs import Job, Reading
-from counterflex.app.placement.frame import ProgramInCell, Stand
 from counterflex.app.placement.placement import Prepared
+from counterflex.app.placement.region import ProgramInCell, Stand
 from counterflex.app.placement.whole_program import Divided, PlacesFault, require_runs
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError, ReachError

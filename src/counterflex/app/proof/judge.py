@@ -30,8 +30,7 @@ from counterflex.evaluate.turned_surface import TurnedDeviation, TurnedSurface, 
 from counterflex.files.cell.cell import Cell
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import read_summary
-from counterflex.path.run import Run
-from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.path.toolpath import FEED, Run, ToolPath
 from counterflex.twin.plant.simulate import mounted_tools
 from counterflex.twin.truth.file import read_truth
 from counterflex.twin.truth.truth import Truth

@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.iso230.circular_test import Circle, fitted_circle, require_circle
-from counterflex.evaluate.iso9283.commanded_path import CommandedPath, path_of
+from counterflex.evaluate.iso9283.path_cycles import CommandedPath, path_of
 from counterflex.files.commanded_file import read_commanded
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import tool_path

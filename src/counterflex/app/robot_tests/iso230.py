@@ -28,8 +28,7 @@ from counterflex.evaluate.iso230.circular_test import (
     turns,
 )
 from counterflex.evaluate.iso230.straightness import straightness
-from counterflex.evaluate.iso9283.commanded_path import ZONE
-from counterflex.evaluate.iso9283.path_cycles import path_cycles
+from counterflex.evaluate.iso9283.path_cycles import ZONE, path_cycles
 from counterflex.files.logs.tracker_exports.formats import OWN
 from counterflex.files.summary_file import write_summary
 

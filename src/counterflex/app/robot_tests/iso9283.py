@@ -20,9 +20,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, MM_PER_S, MS, PERCENT, UM
-from counterflex.evaluate.iso9283.commanded_path import CommandedPath
 from counterflex.evaluate.iso9283.intervals import CONFIDENCE
-from counterflex.evaluate.iso9283.path_cycles import REACH_M, PathCycle, path_cycles
+from counterflex.evaluate.iso9283.path_cycles import REACH_M, CommandedPath, PathCycle, path_cycles
 from counterflex.evaluate.iso9283.path_figures import Corner, IsoPathFigures, corners, crossings, path_figures
 from counterflex.evaluate.iso9283.path_velocity import PathVelocity, path_velocity
 from counterflex.evaluate.iso9283.settling import BAND_M

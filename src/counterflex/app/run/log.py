@@ -13,11 +13,10 @@ import polars
 
 from counterflex import __version__
 from counterflex.app.environment import environment
-from counterflex.app.run.incidents import numbered
+from counterflex.app.run.incidents import numbered, shown_process
 from counterflex.app.run.job_check import cell_of_run
 from counterflex.app.run.loop import loop_plan, online_loop
 from counterflex.app.run.missing import LogMissing
-from counterflex.app.run.process_events import shown_process
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Int
 from counterflex.core.progress import Progress, silent

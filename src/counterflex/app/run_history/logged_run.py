@@ -12,10 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.run.incidents import Numbered, numbered
+from counterflex.app.run.incidents import Numbered, numbered, shown_process
 from counterflex.app.run.log import micro
 from counterflex.app.run.missing import LogMissing
-from counterflex.app.run.process_events import shown_process
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import NS, PERCENT, UM

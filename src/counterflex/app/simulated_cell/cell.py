@@ -17,7 +17,7 @@ from counterflex.app.proof import simulate
 from counterflex.app.robot_programs import digest, inputs_of
 from counterflex.app.run.job_check import program_job
 from counterflex.app.run.robot_links import ROBOT_LINKS, Chosen, ControllerOrder, SimulatedController, chosen, values_of
-from counterflex.app.simulated_cell.force_devices import force_device
+from counterflex.app.simulated_cell.instruments import force_device
 from counterflex.core import atomic
 from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError
@@ -38,8 +38,7 @@ from counterflex.twin.live.live_cell import LiveCell
 from counterflex.twin.network.faults import Fault, FaultSchedule
 from counterflex.twin.plant.force_sensor import force_sensor
 from counterflex.twin.plant.plant import Plant
-from counterflex.twin.plant.strain_holder import instrumented_holder
-from counterflex.twin.plant.strain_stream import WARM_K, StrainStream
+from counterflex.twin.plant.strain_holder import WARM_K, StrainStream, instrumented_holder
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex.twin.truth.truth import Truth
 

@@ -75,8 +75,8 @@ def design(
         raise InputError("--mounting needs the cell that the spindle is mounted in", hint="Give --cell CELL")
     keep_inputs(out, holder, cell)
     from counterflex.app import holder_design as job
-    from counterflex.app.holder_in_robot import Spindle
-    from counterflex.app.placement.spindle_mounting import Mounting
+    from counterflex.app.holder_design import Spindle
+    from counterflex.app.placement.region import Mounting
 
     spindle = None
     if cell is not None:

@@ -12,13 +12,12 @@ import scipy
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FORM, SIZES, ZONES, FeatureRow, flatness_k, linear_m
-from counterflex.evaluate.floor_filter import floor_fit
+from counterflex.evaluate.floor_filter import LocalFit, floor_fit, local_fit
 from counterflex.evaluate.inspection.mesh_shape import CadFace, CadSolid
 from counterflex.evaluate.inspection.nominal_part import STEEP
 from counterflex.evaluate.inspection.part_deviations import FREE
 from counterflex.evaluate.inspection.scanned_part import UP, ScannedPart
-from counterflex.evaluate.iso230.circularity import circularity
-from counterflex.evaluate.local_fit import LocalFit, local_fit
+from counterflex.evaluate.iso230.circular_test import circularity
 from counterflex.evaluate.measured_values import Row, values_row
 
 PITCH_M: Final = 1.0 * MM

@@ -13,12 +13,11 @@ from counterflex.core.arrays import Bool, Float, Float32, Int
 from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.figures import weighted_figures
-from counterflex.evaluate.floor_filter import floor_fit
+from counterflex.evaluate.floor_filter import LocalFit, floor_fit, local_fit
 from counterflex.evaluate.inspection.cloud import Cloud
 from counterflex.evaluate.inspection.nominal_part import FACING, NominalPart
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
-from counterflex.evaluate.local_fit import LocalFit, local_fit
 from counterflex.evaluate.measured_values import height_at
 from counterflex.evaluate.surface import SurfaceDeviation
 from counterflex.evaluate.swept_section import SweptSection, swept_section

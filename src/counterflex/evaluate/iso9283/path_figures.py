@@ -12,8 +12,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.evaluate.iso9283 import intervals
-from counterflex.evaluate.iso9283.commanded_path import ZONE, CommandedPath
-from counterflex.evaluate.iso9283.path_cycles import REACH_M, PathCycle
+from counterflex.evaluate.iso9283.path_cycles import REACH_M, ZONE, CommandedPath, PathCycle
 from counterflex.geometry import rotation
 
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.evaluate.iso9283.commanded_path import CommandedPath
 from counterflex.evaluate.iso9283.intervals import FigureInterval, mean_figure, three_sigma
-from counterflex.evaluate.iso9283.path_cycles import PathCycle
+from counterflex.evaluate.iso9283.path_cycles import CommandedPath, PathCycle
 from counterflex.evaluate.iso9283.path_figures import crossing_steps
 
 MIDDLE: Final = 0.5

@@ -9,10 +9,9 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.evaluate.iso230.circularity import circularity
+from counterflex.evaluate.iso230.circular_test import circularity
 from counterflex.evaluate.measured_values import MeasurablePart, Row, flatness, height_at, values_row
-from counterflex.evaluate.prismatic.finding import PrismaticFeature, WallPair
-from counterflex.evaluate.prismatic.wall_segments import WallSegment
+from counterflex.evaluate.prismatic.finding import PrismaticFeature, WallPair, WallSegment
 from counterflex.evaluate.surface import NominalSurface
 
 _END_M: Final = 1.0 * MM

@@ -18,9 +18,8 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.axis_sag import AxisSag
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveError, DriveErrors
-from counterflex.robot.model.compliance_curve import LOADS, ComplianceCurve
 from counterflex.robot.model.controller_axes import MAKERS, Axis3, ControllerAxes, from_geometry, from_signs, maker_of
-from counterflex.robot.model.description import ElasticRegion, Robot
+from counterflex.robot.model.description import LOADS, ComplianceCurve, ElasticRegion, Robot
 from counterflex.robot.model.dh import AXES, DhRow, from_dh
 from counterflex.robot.model.elastic_region import ANGLES, DIRECTIONS
 

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.scan.cells import MISSING, Decimals, split
+from counterflex.files.scan.number_lines import MISSING, Decimals, split
 from counterflex.files.scan.scan import UNITS, PointStore, Scan
 
 _AXES: Final = ("x", "y", "z")

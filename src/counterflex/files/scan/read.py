@@ -12,7 +12,7 @@ import numpy as np
 from counterflex.core import file_content
 from counterflex.core.arrays import Float, batches
 from counterflex.core.errors import FileFormatError
-from counterflex.core.file_kind import of_bytes
+from counterflex.core.file_content import of_bytes
 from counterflex.files.scan.by_library import library_format
 from counterflex.files.scan.number_lines import SPACES, numbers, text_stream, utf16
 from counterflex.files.scan.ply import read_header, vertex_blocks

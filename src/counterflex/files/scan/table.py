@@ -13,9 +13,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.files.scan.cells import MISSING, Decimals, split
 from counterflex.files.scan.cmm_report import gives_axes, read_given_axes, read_rows_of_axes, rows_of_axes
-from counterflex.files.scan.number_lines import line_blocks, numbers, separators, text_stream
+from counterflex.files.scan.number_lines import MISSING, Decimals, line_blocks, numbers, separators, split, text_stream
 from counterflex.files.scan.scan import UNITS, PointStore, Scan
 
 _HEAD: Final = 1 << 16

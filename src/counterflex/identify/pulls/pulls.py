@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.geometry import wrench
+from counterflex.geometry import pose as wrench
 from counterflex.identify.data.dataset import Dataset
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 

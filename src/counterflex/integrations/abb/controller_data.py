@@ -13,8 +13,8 @@ from counterflex.app.controller_import.kinds import DataKind
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM
 from counterflex.geometry import pose, rotation
-from counterflex.integrations.abb.language.read.data import DECLARATION, frame, truth
 from counterflex.integrations.abb.language.read.literals import AggregateLiteral, aggregate
+from counterflex.integrations.abb.language.read.routines import DECLARATION, frame, truth
 from counterflex.integrations.abb.language.read.scanner import RapidSource
 from counterflex.programs.robot_text.process_words import NUMBER
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
-from counterflex.geometry import wrench
+from counterflex.geometry import pose
 from counterflex.geometry.rotation import skew
 from counterflex.sensing.holder_design.bricks import MirroredBody, Solved, solve
 from counterflex.sensing.holder_design.drawing import BRICKS, LEAST_GAP_M, Drawing, Pocket
@@ -61,7 +61,7 @@ def behaviour(
     for side, A in motions.items():
         A[:3, 3:] = -skew(np.array([0.5 * side * beam.distance_m, 0.0, 0.0]))
     ring = np.linalg.inv(sum(A.T @ solved[side].stiffness @ A for side, A in motions.items()))
-    at_ring = np.stack([wrench.shift(w, np.array([0.0, 0.0, -beam.length_m])) for w in np.eye(6)], axis=1)
+    at_ring = np.stack([pose.shift(w, np.array([0.0, 0.0, -beam.length_m])) for w in np.eye(6)], axis=1)
     pockets = drawing.pockets if cut else ()
     sensitivity = np.zeros((len(pockets), 6))
     for k, pocket in enumerate(pockets):

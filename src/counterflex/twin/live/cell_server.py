@@ -20,7 +20,7 @@ from counterflex.twin.laboratory.laboratory import Laboratory
 from counterflex.twin.live.live_cell import LiveCell
 from counterflex.twin.network.faults import FaultSchedule
 from counterflex.twin.plant.force_sensor import ForceSensor
-from counterflex.twin.plant.strain_stream import StrainStream
+from counterflex.twin.plant.strain_holder import StrainStream
 
 _STEPS_PER_SAMPLE = 2  # integration steps of 0.5 ms per sample of the instruments: 1 kHz
 

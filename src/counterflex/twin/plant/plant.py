@@ -13,7 +13,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError, SimulationError
 from counterflex.geometry import pose
-from counterflex.geometry.wrench import cross
+from counterflex.geometry.pose import cross
 from counterflex.twin.plant.applied_forces import applied_forces
 from counterflex.twin.plant.drives import gains
 from counterflex.twin.plant.friction import play_torque, slip_parameters

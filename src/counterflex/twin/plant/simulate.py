@@ -12,7 +12,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.geometry import pose, wrench
+from counterflex.geometry import pose
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.plant.controller import CommandedReference, Controller, as_it_is, interpolate
 from counterflex.twin.plant.drives import first_order_lag, following_gains
@@ -50,7 +50,7 @@ def load_on_hand(plant: Plant, process: StockCutting, T_base_tcp: Float | None) 
         return process.wrench(plant.p_base_tcp)
     process.T_base_part[:3, :3], process.T_base_part[:3, 3] = plant.R_base_tcp, plant.p_base_tcp
     on_tool = process.wrench(T_base_tcp[:3, 3].copy())
-    return -wrench.shift(on_tool, T_base_tcp[:3, 3] - plant.p_base_tcp)
+    return -pose.shift(on_tool, T_base_tcp[:3, 3] - plant.p_base_tcp)
 
 
 # Where the part really lies once its frame has been measured with the robot itself.

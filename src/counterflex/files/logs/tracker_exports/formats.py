@@ -13,7 +13,7 @@ import numpy as np
 from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.file_kind import of_bytes
+from counterflex.core.file_content import of_bytes
 from counterflex.core.units import MM, NS
 from counterflex.files.dataset.units import UNITS, factor
 from counterflex.files.logs.tracker_exports.point_table import PointTableLines, stamp_ns

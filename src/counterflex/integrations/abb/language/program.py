@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.arrays import Float
-from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.robot_text.stated import Stated, StatedPosture, StatedTurns, turn_ranges
+from counterflex.programs.robot_text.program import RobotProgram, Stated, StatedPosture, StatedTurns, turn_ranges
 
 _OFF: Final = re.compile(r"^(?:[^!\"]|\"[^\"]*\")*?\bConf([JL])\s*\\\s*Off\b", re.IGNORECASE)
 _QUARTER_DEG: Final = 90.0

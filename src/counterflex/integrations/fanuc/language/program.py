@@ -9,8 +9,17 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.programs.robot_text.program import NamedPoint, RobotProgram, Span, angles_zyx, frame_zyx
-from counterflex.programs.robot_text.stated import Stated, StatedPosture, StatedTurns, turn_ranges
+from counterflex.programs.robot_text.program import (
+    NamedPoint,
+    RobotProgram,
+    Span,
+    Stated,
+    StatedPosture,
+    StatedTurns,
+    angles_zyx,
+    frame_zyx,
+    turn_ranges,
+)
 
 LETTERS: Final = "XYZWPR"
 _CONFIG: Final = re.compile(r"\s*([NF])\s*([UD])\s*([TB])\b", re.IGNORECASE)

@@ -11,8 +11,15 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.programs.robot_text.program import NamedPoint, RobotProgram, Span, angles_zyx, frame_zyx
-from counterflex.programs.robot_text.stated import Stated, StatedPosture
+from counterflex.programs.robot_text.program import (
+    NamedPoint,
+    RobotProgram,
+    Span,
+    Stated,
+    StatedPosture,
+    angles_zyx,
+    frame_zyx,
+)
 
 DIALECT: Final = "inform"
 AXES: Final = 6

@@ -11,9 +11,9 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.kuka.language.read import statements as form
-from counterflex.integrations.kuka.language.read.blocks import Blocks, StatementBlock
 from counterflex.integrations.kuka.language.read.job import KrlRoutine
 from counterflex.integrations.kuka.language.read.routines import FLOW, Routines
+from counterflex.integrations.kuka.language.read.statements import Blocks, StatementBlock
 from counterflex.integrations.kuka.language.read.values import GRAMMAR, Value
 from counterflex.integrations.kuka.language.read.variables import Activation
 from counterflex.programs.expression import ExpressionError, parse

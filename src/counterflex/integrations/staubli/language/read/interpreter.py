@@ -12,8 +12,13 @@ import numpy as np
 
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
-from counterflex.integrations.staubli.language.read.application import Val3Folder
-from counterflex.integrations.staubli.language.read.branches import assignment, hidden_effect, instruction, row_of
+from counterflex.integrations.staubli.language.read.branches import (
+    Val3Folder,
+    assignment,
+    hidden_effect,
+    instruction,
+    row_of,
+)
 from counterflex.integrations.staubli.language.read.flow import Val3Flow
 from counterflex.integrations.staubli.language.read.motions import Val3Cell
 from counterflex.integrations.staubli.language.read.program_file import Val3Routine, arguments, code_of
