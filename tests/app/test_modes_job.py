@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from counterflex.app import modes as job, tap_test
+from counterflex.app import cell_modes as job, cell_modes as tap_test
 from counterflex.app.cell_modes import modes_in
 from counterflex.app.lowest_mode import estimate
 from counterflex.cli.main import whole

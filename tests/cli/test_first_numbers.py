@@ -20,7 +20,7 @@ _BARE: Final = re.compile(r"(?:predicted |by the model |largest )?(?:error|defle
 
 
 def test_no_column_gives_a_predicted_length_without_saying_whose() -> None:
-    """Of every text in the commands: the model's own figures have one name, see ``cli/predicted.py``."""
+    """Of every text in the commands: the model's own figures have one name, see ``cli/output.py``."""
     found = [
         f"{file.name}:{node.lineno} {node.value}"
         for file in Path(counterflex.cli.__path__[0]).rglob("*.py")

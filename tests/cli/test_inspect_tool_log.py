@@ -18,7 +18,7 @@ from counterflex.core.arrays import Float
 from counterflex.files import parquet_table
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.run_log import RunLogWriter
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.files.tool_path_file import KIND, LAYOUT, VERSION, ToolPathRows
 from counterflex.geometry import pose, rotation
 from counterflex.runtime.record_ring import WIDTH, column

@@ -11,7 +11,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
 from counterflex.geometry.circle import angle_to, circle, turned
-from counterflex.geometry.rotation_derivative import inverse_left_jacobian, left_jacobian
+from counterflex.geometry.rotation import inverse_left_jacobian, left_jacobian
 from twists import adjoint
 
 seeds = st.integers(0, 2**32 - 1)
@@ -91,13 +91,13 @@ def test_wrench_carries_with_unchanged_power_and_against_the_adjoint(seed: int) 
     rng = np.random.default_rng(seed + 2)  # another seed than the pose's: a force along its axis would not be turned
     T_a_b = _pose(seed)
     w_b, twist_b = rng.normal(size=6), rng.normal(size=6)
-    w_a, twist_a = pose.carry(T_a_b, w_b), adjoint(T_a_b) @ twist_b
+    w_a, twist_a = pose.carry_wrench(T_a_b, w_b), adjoint(T_a_b) @ twist_b
     assert w_a @ twist_a == pytest.approx(w_b @ twist_b, rel=1e-12, abs=1e-12)
     np.testing.assert_allclose(w_a, np.linalg.inv(adjoint(T_a_b)).T @ w_b, atol=1e-12)
 
 
 def test_force_beside_the_point_makes_a_moment() -> None:
-    w = pose.shift(np.array([0.0, 100.0, 0.0, 0.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    w = pose.shift_wrench(np.array([0.0, 100.0, 0.0, 0.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
     np.testing.assert_allclose(w, [0, 100, 0, 0, 0, 100])
 
 
@@ -182,8 +182,12 @@ def test_a_batch_of_wrenches_is_moved_as_each_of_them(seed: int) -> None:
     w, lever = rng.normal(size=(4, 6)), rng.normal(size=(4, 3))
     T = pose.make(rotation.exp(rng.normal(size=(4, 3))), rng.normal(size=(4, 3)))
     for k in range(4):
-        np.testing.assert_allclose(pose.shift(w, lever)[k], pose.shift(w[k], lever[k]), atol=1e-12)
-        np.testing.assert_allclose(pose.carry(T, w)[k], pose.carry(T[k], w[k]), atol=1e-12)
-        np.testing.assert_allclose(pose.rotate(T[:, :3, :3], w)[k], pose.rotate(T[k, :3, :3], w[k]), atol=1e-12)
+        np.testing.assert_allclose(pose.shift_wrench(w, lever)[k], pose.shift_wrench(w[k], lever[k]), atol=1e-12)
+        np.testing.assert_allclose(pose.carry_wrench(T, w)[k], pose.carry_wrench(T[k], w[k]), atol=1e-12)
+        np.testing.assert_allclose(
+            pose.rotate_wrench(T[:, :3, :3], w)[k],
+            pose.rotate_wrench(T[k, :3, :3], w[k]),
+            atol=1e-12,
+        )
         np.testing.assert_allclose(pose.difference(T, T[::-1])[k], pose.difference(T[k], T[3 - k]), atol=1e-12)
-        np.testing.assert_allclose(pose.shift(pose.shift(w, lever), -lever)[k], w[k], atol=1e-12)
+        np.testing.assert_allclose(pose.shift_wrench(pose.shift_wrench(w, lever), -lever)[k], w[k], atol=1e-12)

@@ -55,7 +55,7 @@ def landed(found: Plan, setting: Setting, rows: Int, T_base_true: Float) -> Floa
     command = found.path.p_part_tcp[rows] + found.correction_part[rows]
     Rs = tool_orientation(found.path.axis_part[rows], setting.rotation_about_tool_rad)
     q = inverse_path(setting.controller_chain, tool_poses(setting.T_base_part, command, Rs), setting.branch).q
-    w_base = pose.rotate(setting.T_base_part[:3, :3], found.w_tcp_part[rows])
+    w_base = pose.rotate_wrench(setting.T_base_part[:3, :3], found.w_tcp_part[rows])
     Ts = forward_elastic(setting.chain, q, w_base, gravity=True, equilibrium=True)
     return pose.transform(pose.inverse(T_base_true), Ts[:, :3, 3])
 

@@ -25,8 +25,7 @@ from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.sections import PartSection, Profile
 from counterflex.evaluate.path_deviation import PathDeviation, path_figures as figures_of_path
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
-from counterflex.report.inspection.page import InspectionData, enlarged
-from counterflex.report.inspection.path_figures import MeasuredPath
+from counterflex.report.inspection.page import InspectionData, MeasuredPath, enlarged
 from counterflex.report.map_figure import MapPicture, callouts, map_figure, map_picture
 from counterflex.report.preflight.page import PreflightData
 from counterflex.report.preflight.path_figures import PathCurves

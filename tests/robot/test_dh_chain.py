@@ -10,7 +10,7 @@ from counterflex.core.errors import FileFormatError, ModelError
 from counterflex.files.cell.cell import read_cell
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import inverse
-from counterflex.robot.model.dh import Convention, DhRow, from_dh
+from counterflex.robot.model.description import Convention, DhRow, from_dh
 
 RNG = np.random.default_rng(1)
 UR10 = [(0.0, 0.1273, 90.0), (-0.612, 0.0, 0.0), (-0.5723, 0.0, 0.0), (0.0, 0.163941, 90.0), (0.0, 0.1157, -90.0),

@@ -68,7 +68,7 @@ class RunLog(Result):
         return {"curves": self._curves}
 
     def _curves(self) -> dict[str, Any]:
-        from counterflex.report.run_history.figures import curves_figure
+        from counterflex.report.run_history.page import curves_figure
 
         by_length = float(self.run.curves.length_m.max()) > 0.0
         name = f"run {self.run.row['run']}"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from counterflex.app.controller_import.kinds import DATA_KINDS
+from counterflex.app.controller_import.frames import DATA_KINDS
 from counterflex.app.plc import PLCS
 from counterflex.app.robot_folder import SETUPS
 from counterflex.app.run.robot_links import ROBOT_LINKS

@@ -18,8 +18,7 @@ from counterflex.files.schema import ComplianceTable
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
 from counterflex.robot.elasticity import compliance, gravity
-from counterflex.robot.elasticity.axis_springs import rigid_axes
-from counterflex.robot.elasticity.chain import ElasticChain, forward
+from counterflex.robot.elasticity.chain import ElasticChain, forward, rigid_axes
 from counterflex.robot.kinematics import inverse
 from counterflex.robot.model import catalog
 from counterflex.robot.model.controller_axes import MAKERS, shown_limits, turns_zyx

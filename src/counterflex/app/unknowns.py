@@ -32,8 +32,7 @@ from counterflex.core.units import MM, MRAD
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import axis_names, prior_of
 from counterflex.robot.elasticity import play
-from counterflex.robot.elasticity.axis_springs import axis_deflections
-from counterflex.robot.elasticity.chain import frames, jacobian
+from counterflex.robot.elasticity.chain import axis_deflections, frames, jacobian
 from counterflex.robot.elasticity.compliance import shares
 from counterflex.robot.model import class_prior as end_effector_prior
 from counterflex.robot.model.class_prior import HALF_BAND_RAD, arm_over_axis, drawn_play

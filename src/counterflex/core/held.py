@@ -22,7 +22,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
-from counterflex.core import held
 from counterflex.core.errors import OutputError
 
 PATIENCE_S: Final = 20.0
@@ -57,7 +56,7 @@ def alone(
         return
     with _opened(folder / path.name) as handle:
         end = clock_s() + PATIENCE_S
-        while handle is not None and held.own(handle) is False:
+        while handle is not None and own(handle) is False:
             if clock_s() > end:
                 raise OutputError(
                     "another process edits a file in this folder",

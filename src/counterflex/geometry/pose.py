@@ -28,7 +28,7 @@ def cross(a: Float, b: Float) -> Float:
     return np.array((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
 
 
-def carry(T_a_b: Float, w_b: Float) -> Float:
+def carry_wrench(T_a_b: Float, w_b: Float) -> Float:
     """Carry a wrench from frame b (about its origin, in its axes) to frame a.
 
     ``f_a = R f_b``, ``m_a = R m_b + p x (R f_b)``; power is unchanged.
@@ -47,7 +47,7 @@ def carry(T_a_b: Float, w_b: Float) -> Float:
     return np.concatenate([f, m], axis=-1)
 
 
-def shift(w: Float, lever: Float) -> Float:
+def shift_wrench(w: Float, lever: Float) -> Float:
     """The same wrench, in the same axes, taken about another point.
 
     Args:
@@ -62,7 +62,7 @@ def shift(w: Float, lever: Float) -> Float:
     return np.concatenate([f, w[..., 3:] + cross(np.asarray(lever, dtype=np.float64), f)], axis=-1)
 
 
-def rotate(R_a_b: Float, w_b: Float) -> Float:
+def rotate_wrench(R_a_b: Float, w_b: Float) -> Float:
     """The same wrench or twist about the same point, written in axes a instead of b."""
     w_b = np.asarray(w_b, dtype=np.float64)
     return np.concatenate([(R_a_b @ w_b[..., :3, None])[..., 0], (R_a_b @ w_b[..., 3:, None])[..., 0]], axis=-1)

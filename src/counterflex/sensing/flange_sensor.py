@@ -329,7 +329,7 @@ def tcp_wrench(
         R_hose_sensor=R_hose_sensor,
     )
     p_sensor_tcp = (pose.inverse(sensor.T_seg_sensor) @ np.asarray(T_seg_tcp, dtype=np.float64))[:3, 3]
-    return pose.rotate(np.asarray(R_base_sensor, dtype=np.float64), pose.shift(w, -p_sensor_tcp))
+    return pose.rotate_wrench(np.asarray(R_base_sensor, dtype=np.float64), pose.shift_wrench(w, -p_sensor_tcp))
 
 
 def turned(T_seg_sensor: Float, turn_rad: Float) -> Float:

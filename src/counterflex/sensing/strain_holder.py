@@ -126,7 +126,7 @@ class HolderBeam:
             A[:3, 3:] = -skew(np.array([side * self.distance_m, 0.0, 0.0]))
             maps.append(A)
         ring = np.linalg.inv(sum(A.T @ k @ A for A in maps))
-        at_ring = np.stack([pose.shift(w, np.array([0.0, 0.0, -self.length_m])) for w in np.eye(6)], axis=1)
+        at_ring = np.stack([pose.shift_wrench(w, np.array([0.0, 0.0, -self.length_m])) for w in np.eye(6)], axis=1)
         low, right = (k @ A @ ring @ at_ring for A in maps)
         return low, right
 

@@ -22,7 +22,7 @@ from counterflex.cutting.tridexel.column_file import load_columns
 from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.surface import surface
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.path.toolpath import FEED
 from counterflex.plan.cut import cut
 

@@ -9,11 +9,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.iso9283.path_cycles import CommandedPath, PathCycle, path_cycles, path_of
-from counterflex.evaluate.iso9283.path_figures import corners, path_figures
-from counterflex.evaluate.iso9283.path_velocity import path_velocity
+from counterflex.evaluate.iso9283.path_figures import corners, path_figures, path_velocity
 from counterflex.evaluate.iso9283.poses import PoseCycles, distance_figures, drift, multi_directional, pose_figures
-from counterflex.evaluate.iso9283.settling import settled
-from counterflex.evaluate.iso9283.standstills import MeasuredStandstill
+from counterflex.evaluate.iso9283.standstills import MeasuredStandstill, settled
 from counterflex.geometry import pose, rotation
 
 MDEG = 1e-3 * DEG

@@ -19,15 +19,15 @@ from counterflex.app.inputs import faults_in, in_working_plane, read_in_plane, r
 from counterflex.app.long_jobs.task import Reads, Task, Writes
 from counterflex.app.posture import posture_of
 from counterflex.app.proof import simulate
-from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import ProofReference, judge, reference_of
+from counterflex.app.proof.truth import exact_setting
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, share_of, silent
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_placed_as, text_with_part, text_with_posture
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.truth.file import read_truth

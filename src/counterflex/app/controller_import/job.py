@@ -10,8 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.controller_import.frames import ControllerData
-from counterflex.app.controller_import.kinds import DATA_KINDS
+from counterflex.app.controller_import.frames import DATA_KINDS, ControllerData
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, ModelError

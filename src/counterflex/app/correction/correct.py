@@ -21,8 +21,7 @@ from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import summary_of
 from counterflex.app.correction.causes import causes_of, shown
 from counterflex.app.correction.decide import LIMIT_M, measured_error, next_step
-from counterflex.app.correction.result import Corrected, MeasuredScan
-from counterflex.app.correction.scans import in_part_axes, read_scan
+from counterflex.app.correction.scans import Corrected, MeasuredScan, in_part_axes, read_scan
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.robot_programs import inputs_of, with_files
@@ -343,7 +342,7 @@ def run(
         summary = result.summary
         summary["inputs"] = inputs_of(program, cell_file)
         if target is not None and place is not None:
-            from counterflex.app.correction.apply import apply_constants
+            from counterflex.app.correction.causes import apply_constants
 
             summary["applied"] = apply_constants(result, cell, target, place, scans)
         about = {key: summary[key] for key in ("program", "cell", "robot", "counterflex")}

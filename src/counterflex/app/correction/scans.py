@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -20,10 +20,15 @@ from counterflex.core.next_command import next_command
 from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
+from counterflex.evaluate.path_error.contacts import Contacts
+from counterflex.evaluate.path_error.estimate import PathError
+from counterflex.evaluate.path_error.explanations import Explanation
+from counterflex.evaluate.path_error.learning import Learned, MeasuredError
 from counterflex.evaluate.surface import NominalSurface
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.part_deviations import MeasuredPart, read_part_deviations
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
+from counterflex.plan.plan import Plan
 
 NOISE_M: Final = 20.0 * UM
 """Standard deviation of a single place: structured light."""
@@ -176,3 +181,30 @@ def _check_original(folder: Path, program: Path) -> None:
             where=str(folder),
             limit=f"the original {program.name} (simulate --original)",
         )
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredScan:
+    """A scan and the error of the path that it shows."""
+
+    scan: PartScan
+    contacts: Contacts  # Which stretches may have made its places
+    estimate: PathError  # Error at the nodes of the path
+    error: MeasuredError  # The same at its rows
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """Result of the job."""
+
+    plan: Plan
+    files: dict[str, str]
+    encoding: str
+    measured: list[MeasuredScan]
+    state: Learned  # Error of the next part without a change, and response of the tool, from all parts
+    taken: MeasuredError  # What the next program takes back, and the error that is expected
+    explained: list[Explanation]
+    job: Job
+    cell: Cell  # In the working plane of the program
+    change_m: Float  # (n, 3) m, change of the correction at the rows of the path
+    summary: dict[str, Any]  # What ``summary.json`` holds

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from counterflex.core import atomic, held
 from counterflex.core.errors import FileFormatError
-from counterflex.files.identification_archive import ArchivedRun, keep_inputs, run_name, runs_below
+from counterflex.files.identification_file import ArchivedRun, keep_inputs, run_name, runs_below
 
 SIGNIFICANT: Final = 3.0
 """A change of so many standard deviations of the difference is marked: 3 in 1000 are by chance."""

@@ -25,7 +25,7 @@ from counterflex.core.remarks import remark
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.cad_rows import CadFeatures
-from counterflex.evaluate.inspection.cloud import Cloud, thinned
+from counterflex.evaluate.inspection.cloud import Cloud, ScanUnit, scan_unit, thinned
 from counterflex.evaluate.inspection.clutter import CLEARANCE_M, cluttered_pose, off_part, without
 from counterflex.evaluate.inspection.coarse import NoPose, coarse_pose
 from counterflex.evaluate.inspection.coverage import Coverage, coverage
@@ -34,7 +34,6 @@ from counterflex.evaluate.inspection.mesh_shape import CadSolid
 from counterflex.evaluate.inspection.nominal_part import NominalPart, NominalShape, nominal_part
 from counterflex.evaluate.inspection.part_deviations import FREE
 from counterflex.evaluate.inspection.registration import LEAST_POINTS, aligned, register
-from counterflex.evaluate.inspection.scan_size import ScanUnit, scan_unit
 from counterflex.evaluate.inspection.scanned_part import ScannedPart, scanned_part
 from counterflex.evaluate.inspection.size_errors import ScaleEstimate, ball_error, common_offset, scale_of
 from counterflex.files.cell.cell import Cell, read_cell

@@ -28,9 +28,9 @@ from counterflex.evaluate.summary import SeedResult, TruthLevel, Variant, summar
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface, surface_deviation
 from counterflex.evaluate.turned_surface import TurnedDeviation, TurnedSurface, turned_surface
 from counterflex.files.cell.cell import Cell
-from counterflex.files.run_file import read_run
-from counterflex.files.summary_file import read_summary
+from counterflex.files.summary_file import read_run, read_summary
 from counterflex.path.toolpath import FEED, Run, ToolPath
+from counterflex.plan.plan import Plan
 from counterflex.twin.plant.simulate import mounted_tools
 from counterflex.twin.truth.file import read_truth
 from counterflex.twin.truth.truth import Truth
@@ -242,3 +242,22 @@ def _check_same(paths: Sequence[Path]) -> None:
                 value=", ".join(str(path) for path in paths),
                 hint="Simulate both with the same --original, --cell and --truth",
             )
+
+
+@dataclass(frozen=True, eq=False)
+class ProofResult:
+    """Result of the job."""
+
+    reference: ProofReference
+    plan: Plan  # What the planner decided, knowing the cell file
+    truths: dict[int, Truth]
+    # By (seed, variant): ``nominal``, ``compensated``, ``exact`` (planned with the truth's exact constants)
+    judged: dict[tuple[int, str], JudgedRun]
+    program_files: dict[str, str]
+    summary: dict[str, Any]  # What ``summary.json`` holds
+    timing: dict[str, float]  # Seconds per step
+
+    @property
+    def first_seed(self) -> int:
+        """Seed whose runs are written and shown."""
+        return next(iter(self.truths))

@@ -33,10 +33,8 @@ from counterflex.app.inputs import (
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.proof import simulate
-from counterflex.app.proof.exact import exact_setting
-from counterflex.app.proof.judge import JudgedRun, judge, reference_of
-from counterflex.app.proof.result import ProofResult
-from counterflex.app.proof.truth import truth_of
+from counterflex.app.proof.judge import JudgedRun, ProofResult, judge, reference_of
+from counterflex.app.proof.truth import exact_setting, truth_of
 from counterflex.app.robot_programs import companions, digest, inputs_of, with_files
 from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core import atomic, file_content
@@ -45,8 +43,7 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, TOOL_TURNS, WORKING_PLANE, write_plan
-from counterflex.files.run_file import write_run
-from counterflex.files.summary_file import write_folder_summary
+from counterflex.files.summary_file import write_folder_summary, write_run
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan

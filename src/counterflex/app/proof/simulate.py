@@ -25,9 +25,8 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tridexel.column_file import load_columns, save_columns
 from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.run_file import write_run
 from counterflex.files.schema import write_toml
-from counterflex.files.summary_file import write_folder_summary
+from counterflex.files.summary_file import write_folder_summary, write_run
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.language import LANGUAGES
 from counterflex.programs.reading import dialect_of

@@ -89,7 +89,7 @@ def circular(
         "counterflex": __version__,
     }
     if out is not None:
-        from counterflex.report.robot_tests.circle_page import circle_page
+        from counterflex.report.robot_tests.iso230_page import circle_page
 
         table = pl.concat([_turn_table(k, turn) for k, turn in enumerate(each, 1)])
         _write(out, summary, pl.DataFrame(rows), table, circle_page(summary, each))
@@ -158,7 +158,7 @@ def straight(
         "counterflex": __version__,
     }
     if out is not None:
-        from counterflex.report.robot_tests.straight_page import rests, straight_page
+        from counterflex.report.robot_tests.iso230_page import rests, straight_page
 
         table = pl.concat([_straight_table(k + 1, rests(p)) for k, (_, p) in enumerate(parts)])
         _write(out, summary, pl.DataFrame(rows), table, straight_page(summary, [p for _, p in parts]))

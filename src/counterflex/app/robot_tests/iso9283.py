@@ -22,9 +22,16 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, MM_PER_S, MS, PERCENT, UM
 from counterflex.evaluate.iso9283.intervals import CONFIDENCE
 from counterflex.evaluate.iso9283.path_cycles import REACH_M, CommandedPath, PathCycle, path_cycles
-from counterflex.evaluate.iso9283.path_figures import Corner, IsoPathFigures, corners, crossings, path_figures
-from counterflex.evaluate.iso9283.path_velocity import PathVelocity, path_velocity
-from counterflex.evaluate.iso9283.settling import BAND_M
+from counterflex.evaluate.iso9283.path_figures import (
+    Corner,
+    IsoPathFigures,
+    PathVelocity,
+    corners,
+    crossings,
+    path_figures,
+    path_velocity,
+)
+from counterflex.evaluate.iso9283.standstills import BAND_M
 from counterflex.files.logs.tracker_exports.formats import OWN
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose

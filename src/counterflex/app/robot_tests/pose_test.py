@@ -24,7 +24,7 @@ from counterflex.evaluate.iso9283.poses import (
     multi_directional,
     pose_figures,
 )
-from counterflex.evaluate.iso9283.settling import Settled, settled
+from counterflex.evaluate.iso9283.standstills import Settled, settled
 from counterflex.geometry import pose
 
 MDEG: Final = 1e-3 * DEG

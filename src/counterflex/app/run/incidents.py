@@ -16,7 +16,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.evaluate.incidents import Incident, IncidentFinder
 from counterflex.evaluate.process_record import ProcessEvent, ProcessFigures
-from counterflex.files.logs.columns import headings
+from counterflex.files.logs.segment import headings
 from counterflex.files.logs.segments import segments
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.monitoring.events import Event

@@ -24,9 +24,9 @@ from counterflex.core.units import NS, UM
 from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import Percentiles
 from counterflex.evaluate.run_record import RunFigures, RunRecord
-from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.repair import Repaired, repair_segment
 from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
+from counterflex.files.logs.segment import require_all
 from counterflex.files.logs.segments import LogSegment, segments
 from counterflex.files.plan_file import read_plan
 from counterflex.runtime.estimator.fusion import level

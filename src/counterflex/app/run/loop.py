@@ -28,8 +28,7 @@ from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.settings import unwatched
 from counterflex.runtime.settings import Delays, ForceMode, TrackerMode
 from counterflex.sensing.flange_sensor import FlangeSensor
-from counterflex.signals.ahead import Ahead
-from counterflex.signals.preview import Mode
+from counterflex.signals.preview import Ahead, Mode
 
 _STIFF = 1e-3
 """A direction stiffer than the softest by more than that is not bent for lost motion."""

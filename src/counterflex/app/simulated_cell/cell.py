@@ -25,9 +25,8 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.registry import imported
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import PROTOCOL, strain_holder
-from counterflex.files.run_file import write_run
 from counterflex.files.scenario_file import Scenario
-from counterflex.files.summary_file import write_folder_summary
+from counterflex.files.summary_file import write_folder_summary, write_run
 from counterflex.twin.devices.force_device import ForceDevice, ForceStart
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.robot_server import Timing

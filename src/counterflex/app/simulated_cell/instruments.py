@@ -21,10 +21,9 @@ from counterflex.protocols.force.frame_format import FrameFormat
 from counterflex.protocols.force.sensors import FORCE_SENSORS
 from counterflex.protocols.frame.link import FrameSource
 from counterflex.protocols.wrench.telegram import INVALID, SATURATED, Wrench
-from counterflex.twin.devices.datagram_sender import keep_pace
+from counterflex.twin.devices.datagram_sender import TrackerSender, keep_pace
 from counterflex.twin.devices.force_device import ForceDevice, ForceStart
 from counterflex.twin.devices.pose_source import PoseSource, TrackerLog
-from counterflex.twin.devices.tracker import TrackerSender
 from counterflex.twin.devices.wrench import WrenchSender
 from counterflex.twin.devices.wrench_source import WrenchSource
 from counterflex.twin.network.faults import FaultSchedule

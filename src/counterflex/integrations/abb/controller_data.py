@@ -8,8 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.controller_import.frames import ControllerData, Load
-from counterflex.app.controller_import.kinds import DataKind
+from counterflex.app.controller_import.frames import ControllerData, DataKind, Load
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM
 from counterflex.geometry import pose, rotation

@@ -13,7 +13,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, INCH, MINUTE, MM, RPM
-from counterflex.programs.apt import words as apt_words
+from counterflex.programs.apt import word_table as apt_words
 from counterflex.programs.apt.statements import SYSTEM, TOOL_ON_CIRCLE, AptLine, Argument, place
 from counterflex.programs.apt.tool_on_circle import TOOL_ON_FORM, ToolOnCircle
 from counterflex.programs.apt.word_table import NOTES

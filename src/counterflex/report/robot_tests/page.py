@@ -10,8 +10,7 @@ import numpy as np
 from counterflex.core.similar import with_interval
 from counterflex.core.units import UM
 from counterflex.evaluate.iso9283.path_cycles import CommandedPath, PathCycle
-from counterflex.evaluate.iso9283.path_figures import IsoPathFigures
-from counterflex.evaluate.iso9283.path_velocity import PathVelocity
+from counterflex.evaluate.iso9283.path_figures import IsoPathFigures, PathVelocity
 from counterflex.evaluate.iso9283.poses import PoseCycles
 from counterflex.report.figure_data import numbers
 from counterflex.report.robot_tests import section as drawn

@@ -12,8 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MM_PER_S, UM
 from counterflex.evaluate.iso9283.path_cycles import CommandedPath, PathCycle
-from counterflex.evaluate.iso9283.path_figures import IsoPathFigures
-from counterflex.evaluate.iso9283.path_velocity import PathVelocity
+from counterflex.evaluate.iso9283.path_figures import IsoPathFigures, PathVelocity
 from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers, thin
 from counterflex.report.page import render

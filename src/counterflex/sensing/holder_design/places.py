@@ -61,7 +61,7 @@ def behaviour(
     for side, A in motions.items():
         A[:3, 3:] = -skew(np.array([0.5 * side * beam.distance_m, 0.0, 0.0]))
     ring = np.linalg.inv(sum(A.T @ solved[side].stiffness @ A for side, A in motions.items()))
-    at_ring = np.stack([pose.shift(w, np.array([0.0, 0.0, -beam.length_m])) for w in np.eye(6)], axis=1)
+    at_ring = np.stack([pose.shift_wrench(w, np.array([0.0, 0.0, -beam.length_m])) for w in np.eye(6)], axis=1)
     pockets = drawing.pockets if cut else ()
     sensitivity = np.zeros((len(pockets), 6))
     for k, pocket in enumerate(pockets):

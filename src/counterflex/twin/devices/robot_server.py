@@ -22,11 +22,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError, SimulationError
 from counterflex.core.jit import compile_stated
 from counterflex.core.progress import Progress, silent
-from counterflex.twin.devices.commanded_motion import Report
+from counterflex.twin.devices.commanded_motion import Report, RobotController
 from counterflex.twin.devices.exact_robot import ControlledRobot
-from counterflex.twin.devices.robot_controller import RobotController
-from counterflex.twin.network.faults import FaultSchedule
-from counterflex.twin.network.faulty_line import FaultyLine
+from counterflex.twin.network.faults import FaultSchedule, FaultyLine
 
 FAULTS: Final = ("silent", "dying", "counter")
 """Faults of the instrument itself that the controller can show."""

@@ -14,14 +14,12 @@ from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError, SimulationError
 from counterflex.geometry import pose
 from counterflex.geometry.pose import cross
-from counterflex.twin.plant.applied_forces import applied_forces
 from counterflex.twin.plant.drives import gains
 from counterflex.twin.plant.friction import play_torque, slip_parameters
-from counterflex.twin.plant.loads import apply_loads, balance_parameters
-from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml
+from counterflex.twin.plant.loads import applied_forces, apply_loads, balance_parameters
+from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml, on_axes, parts_of_step
 from counterflex.twin.plant.other_forces import OtherForces, PostureSprings
 from counterflex.twin.plant.slow_changes import SlowChanges
-from counterflex.twin.plant.step_length import on_axes, parts_of_step
 from counterflex.twin.truth.truth import Truth
 
 STEP_S = 0.5e-3

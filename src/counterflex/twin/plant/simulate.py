@@ -50,7 +50,7 @@ def load_on_hand(plant: Plant, process: StockCutting, T_base_tcp: Float | None) 
         return process.wrench(plant.p_base_tcp)
     process.T_base_part[:3, :3], process.T_base_part[:3, 3] = plant.R_base_tcp, plant.p_base_tcp
     on_tool = process.wrench(T_base_tcp[:3, 3].copy())
-    return -pose.shift(on_tool, T_base_tcp[:3, 3] - plant.p_base_tcp)
+    return -pose.shift_wrench(on_tool, T_base_tcp[:3, 3] - plant.p_base_tcp)
 
 
 # Where the part really lies once its frame has been measured with the robot itself.

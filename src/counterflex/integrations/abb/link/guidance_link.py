@@ -15,7 +15,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.abb.link.link import EgmLink, put_pose
 from counterflex.integrations.abb.link.telegram import write_guidance
-from counterflex.path.stream import PoseStream
+from counterflex.path.path_speed import PoseStream
 from counterflex.runtime.state.supervisor import State, risen
 
 _PATIENCE: Final = 250

@@ -11,8 +11,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_S
 from counterflex.integrations.fanuc.language import LIMITS
-from counterflex.integrations.fanuc.language.program import wpr_of
-from counterflex.integrations.fanuc.language.spelling import remarks, short, values_text
+from counterflex.integrations.fanuc.language.program import remarks, short, values_text, wpr_of
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter

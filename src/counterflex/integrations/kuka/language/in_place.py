@@ -12,8 +12,17 @@ from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
 from counterflex.integrations.kuka.language import LIMITS
-from counterflex.integrations.kuka.language.edits import Edits, Values, spelled, target_edits, target_text
-from counterflex.integrations.kuka.language.program import LETTERS, KrlMotion, KrlProgram, Target
+from counterflex.integrations.kuka.language.program import (
+    LETTERS,
+    Edits,
+    KrlMotion,
+    KrlProgram,
+    Target,
+    Values,
+    spelled,
+    target_edits,
+    target_text,
+)
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.literals import code_of
 from counterflex.programs.compensated import CompensatedPath

@@ -21,8 +21,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.geometry.circle import angle_to, circle, turned
 from counterflex.integrations.yaskawa.language.frames import InformCell
-from counterflex.integrations.yaskawa.language.program import DIALECT, values_of
-from counterflex.integrations.yaskawa.language.spelling import rconf, speed_text
+from counterflex.integrations.yaskawa.language.program import DIALECT, rconf, speed_text, values_of
 from counterflex.integrations.yaskawa.language.writer import (
     InformSettings,
     InformWords,

@@ -9,8 +9,16 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.integrations.yaskawa.language import LIMITS
-from counterflex.integrations.yaskawa.language.program import USER, Header, frame_of, values_of
-from counterflex.integrations.yaskawa.language.spelling import comments, job_text, numbers_text, speed_text
+from counterflex.integrations.yaskawa.language.program import (
+    USER,
+    Header,
+    comments,
+    frame_of,
+    job_text,
+    numbers_text,
+    speed_text,
+    values_of,
+)
 from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter
 

@@ -11,11 +11,10 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.kuka.language.read import statements as form
-from counterflex.integrations.kuka.language.read.job import KrlRoutine
+from counterflex.integrations.kuka.language.read.job import Activation, KrlRoutine
 from counterflex.integrations.kuka.language.read.routines import FLOW, Routines
 from counterflex.integrations.kuka.language.read.statements import Blocks, StatementBlock
 from counterflex.integrations.kuka.language.read.values import GRAMMAR, Value
-from counterflex.integrations.kuka.language.read.variables import Activation
 from counterflex.programs.expression import ExpressionError, parse
 from counterflex.programs.unknown import Unknown, known
 

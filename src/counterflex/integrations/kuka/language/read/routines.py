@@ -9,12 +9,18 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.frames import KrlCell
-from counterflex.integrations.kuka.language.read.job import KrlJob, KrlParameter, KrlRoutine, Module
+from counterflex.integrations.kuka.language.read.job import (
+    Activation,
+    KrlJob,
+    KrlParameter,
+    KrlRoutine,
+    Module,
+    Variable,
+)
 from counterflex.integrations.kuka.language.read.memory import KrlMemory
 from counterflex.integrations.kuka.language.read.statements import Blocks, blocks_of
 from counterflex.integrations.kuka.language.read.table import WORDS
 from counterflex.integrations.kuka.language.read.values import Value, tree
-from counterflex.integrations.kuka.language.read.variables import Activation, Variable
 from counterflex.programs.expression import Call, ExpressionError, Literal, Name, Node
 from counterflex.programs.program import Block as Executed
 from counterflex.programs.robot_text.execution import Execution

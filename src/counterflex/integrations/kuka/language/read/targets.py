@@ -25,10 +25,9 @@ from counterflex.integrations.kuka.language.program import (
     with_clause,
 )
 from counterflex.integrations.kuka.language.read import statements as form
-from counterflex.integrations.kuka.language.read.data_list import Named
 from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.read.job import Module
-from counterflex.integrations.kuka.language.read.literals import NoNumber, components, require_cartesian
+from counterflex.integrations.kuka.language.read.literals import Named, NoNumber, components, require_cartesian
 from counterflex.integrations.kuka.language.read.memory import KrlMemory
 from counterflex.integrations.kuka.language.read.values import GRAMMAR, StoredFrame, Value, is_axes, is_frame
 from counterflex.programs.expression import ExpressionError, Name, Node, parse
