@@ -107,7 +107,7 @@ def test_the_path_of_a_simulated_part_is_judged_as_evaluate_judges_it(
 ) -> None:
     """The independent truth is the simulated cell: its tool's path, seen with noise by a tracker that stands aside."""
     run, _ = read_run(machined.folder / "run" / "run.parquet")
-    compared = judge.compare([machined.folder / "run"])
+    compared = judge.ProgramComparison.of([machined.folder / "run"])
     judged = compared.judged["nominal"]
     expected = judged.variant.path
     assert judged.surface is not None

@@ -97,7 +97,7 @@ def test_without_any_extra_all_but_the_servers_can_be_imported() -> None:
 
 
 def _tdms(file: Path) -> None:
-    instrument_files._tdms(file, b"", None)
+    instrument_files.InstrumentColumns.of_tdms(file, b"", None)
 
 
 @pytest.mark.parametrize(

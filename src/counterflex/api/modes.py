@@ -150,4 +150,4 @@ def modes(cell: Cell | str | Path, joints_deg: Any = None, *, count: int = cell_
     """
     known = model_of(cell)
     q = None if joints_deg is None else checked_joints(known.chain, list(joints_deg))
-    return Modes(cell_modes.modes_in(known, q, count=count))
+    return Modes(cell_modes.PostureModes.of(known, q, count=count))

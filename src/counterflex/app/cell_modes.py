@@ -53,51 +53,51 @@ class PostureModes:
     driven: tuple[Mode, ...]  # Modes with the drives on, where loop gains are known
     summary: dict[str, Any]
 
+    @classmethod
+    def of(cls, cell: Cell, q: Float | None = None, *, count: int = COUNT) -> PostureModes:
+        """The modes of a cell.
 
-def modes_in(cell: Cell, q: Float | None = None, *, count: int = COUNT) -> PostureModes:
-    """The modes of a cell.
+        Args:
+            q: (6,) rad; None is at the blank, or all axes at zero where the cell has no part.
 
-    Args:
-        q: (6,) rad; None is at the blank, or all axes at zero where the cell has no part.
-
-    Raises:
-        InputError: Axes of unknown stiffness, or nothing that yields.
-    """
-    require_stiffness(cell)
-    if not np.any(cell.chain.compliance > 0.0):
-        raise InputError(
-            "nothing of the cell yields, so nothing swings",
-            where=str(cell.path),
-            hint="Give compliances in [[robot.elastic]] or of the end effector",
-        )
-    begin = time.perf_counter()
-    angles = posture_at_blank(cell) if q is None else as_float("q", q, (6,))
-    swinging = swinging_chain(cell, angles)
-    chain = swinging.chain
-    M, stiffness, J, _ = matrices(chain, angles)
-    free = modes(M, stiffness)
-    kinetic = kinetic_shares(chain, angles, free.shapes)
-    intervals = swinging.frequency_intervals(angles)
-    beta = damping_of(chain, mode_of(chain, angles, cell.tables.dynamics.mode))
-    servo = chain.servo or (None,) * AXES
-    driven = tuple(driven_modes(M, stiffness, beta, servo)) if chain.servo is not None else ()
-    tip = J @ free.shapes
-    rows = [_row(k, chain, free, kinetic, tip, intervals, beta) for k in range(min(count, len(free.omega_rad_s)))]
-    summary = {
-        "cell": cell.label,
-        "robot": cell.robot.name,
-        "joints_deg": np.round(chain.axes.shown(angles) / DEG, 4).tolist(),
-        "modes": rows,
-        "with_drives": [
-            {"hz": round(mode.hz, 3), "damping_ratio": round(mode.damping_ratio, 4)} for mode in driven[:count]
-        ],
-        "masses": swinging.origin,
-        "drives": "rigid" if chain.servo is None else "loop gains of the cell file",
-        "damping": "assumed" if cell.tables.dynamics.mode is None and chain.servo is None else "cell file",
-        "seconds": round(time.perf_counter() - begin, 3),
-        "counterflex": __version__,
-    }
-    return PostureModes(cell, angles, chain, free, tip, intervals, beta, swinging.spread, driven, summary)
+        Raises:
+            InputError: Axes of unknown stiffness, or nothing that yields.
+        """
+        require_stiffness(cell)
+        if not np.any(cell.chain.compliance > 0.0):
+            raise InputError(
+                "nothing of the cell yields, so nothing swings",
+                where=str(cell.path),
+                hint="Give compliances in [[robot.elastic]] or of the end effector",
+            )
+        begin = time.perf_counter()
+        angles = posture_at_blank(cell) if q is None else as_float("q", q, (6,))
+        swinging = swinging_chain(cell, angles)
+        chain = swinging.chain
+        M, stiffness, J, _ = matrices(chain, angles)
+        free = modes(M, stiffness)
+        kinetic = kinetic_shares(chain, angles, free.shapes)
+        intervals = swinging.frequency_intervals(angles)
+        beta = damping_of(chain, mode_of(chain, angles, cell.tables.dynamics.mode))
+        servo = chain.servo or (None,) * AXES
+        driven = tuple(driven_modes(M, stiffness, beta, servo)) if chain.servo is not None else ()
+        tip = J @ free.shapes
+        rows = [_row(k, chain, free, kinetic, tip, intervals, beta) for k in range(min(count, len(free.omega_rad_s)))]
+        summary = {
+            "cell": cell.label,
+            "robot": cell.robot.name,
+            "joints_deg": np.round(chain.axes.shown(angles) / DEG, 4).tolist(),
+            "modes": rows,
+            "with_drives": [
+                {"hz": round(mode.hz, 3), "damping_ratio": round(mode.damping_ratio, 4)} for mode in driven[:count]
+            ],
+            "masses": swinging.origin,
+            "drives": "rigid" if chain.servo is None else "loop gains of the cell file",
+            "damping": "assumed" if cell.tables.dynamics.mode is None and chain.servo is None else "cell file",
+            "seconds": round(time.perf_counter() - begin, 3),
+            "counterflex": __version__,
+        }
+        return cls(cell, angles, chain, free, tip, intervals, beta, swinging.spread, driven, summary)
 
 
 def _row(
@@ -218,7 +218,7 @@ def run(
     """
     cell = read_cell(cell_file, assume_class=assume_class)
     q = None if joints_deg is None else cell.chain.axes.model(np.array(joints_deg) * DEG)
-    done = modes_in(cell, q, count=count)
+    done = PostureModes.of(cell, q, count=count)
     if tap_test is not None:
         progress(0.2)
         done.summary["tap_test"] = beside_tap_test(done, tap_test, UP_TO_HZ if up_to_hz is None else up_to_hz)

@@ -45,17 +45,18 @@ class Extension:
     title: str
     fault: str  # Why it cannot be used, or empty
 
+    @classmethod
+    def of(cls, registry: Registry[Any], name: str) -> Extension:
+        """Load what an entry point names, and note what fails."""
+        title, fault = "", ""
+        try:
+            entry = registry[name]
+            title = str(getattr(entry, "title", entry.__doc__ if callable(entry) else entry))
+        except CounterflexError as problem:
+            fault = str(problem)
+        return cls(registry.group, name, registry.package(name), title, fault)
+
 
 def extensions(registries: Sequence[Registry[Any]] = REGISTRIES) -> list[Extension]:
     """Everything that is registered, our own first in each group."""
-    return [_looked_at(registry, name) for registry in registries for name in registry]
-
-
-def _looked_at(registry: Registry[Any], name: str) -> Extension:
-    title, fault = "", ""
-    try:
-        entry = registry[name]
-        title = str(getattr(entry, "title", entry.__doc__ if callable(entry) else entry))
-    except CounterflexError as problem:
-        fault = str(problem)
-    return Extension(registry.group, name, registry.package(name), title, fault)
+    return [Extension.of(registry, name) for registry in registries for name in registry]

@@ -26,9 +26,9 @@ from counterflex.sensing.holder_design.bricks import solve
 from counterflex.sensing.holder_design.drawing import BRICKS, Drawing
 from counterflex.sensing.holder_design.places import (
     Behaviour,
+    Chosen,
     beam_tip,
     behaviour,
-    choose,
     gain_by_pocket,
     lost_stiffness,
     without_ribs,
@@ -156,7 +156,7 @@ def run(
     maps = None if spindle is None else spindle.maps()  # first: its files may be wrong, elements take long
     mesh_m, trials = mesh_mm * MM, 0
     if choose_count is not None:
-        chosen = choose(drawing, choose_count, lost_percent / 100.0, mesh_m, file.noise, bricks=bricks)
+        chosen = Chosen.of(drawing, choose_count, lost_percent / 100.0, mesh_m, file.noise, bricks=bricks)
         drawing, plain, cut, trials = chosen.drawing, chosen.plain, chosen.cut, chosen.trials
     else:
         plain = behaviour(drawing, mesh_m, file.noise, cut=False, bricks=bricks)

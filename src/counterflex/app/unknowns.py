@@ -76,6 +76,22 @@ class DisplacementSource:
     displacements: Float | None  # (draws, n, 3) m, base axes, left uncorrected; None where that cannot be said at rest
     recipe: str
 
+    @classmethod
+    def of_force(cls, cell: Cell, points: CutPoints) -> DisplacementSource:
+        """Constants of the material: they scale every deflection."""
+        known = any(entry.recipe in ("cutting", "first_cut") for entry in cell.tables.identified)
+        whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1, keepdims=True)
+        if cell.unknown_axes and not why_no_prior(cell):
+            k = prior_of(cell.nominal_robot, cell.tables.robot).median_nm_per_rad[list(cell.unknown_axes)]
+            per_stiffness = axis_deflections(cell.chain, points.q, points.w_tcp_base, cell.unknown_axes)
+            whole += np.sum(per_stiffness / k[:, None], axis=1, keepdims=True)
+        if known:
+            d = _scaled(whole, np.array([IDENTIFIED]), _FORCE_SEED)
+            return cls("cutting force", "identified", d, "cutting --propose 12")
+        wear = np.random.default_rng(_WEAR_SEED).uniform(0.0, WORN, (_DRAWS, 1, 1))
+        d = (1.0 + wear) * _scaled(whole, np.array([HANDBOOK]), _FORCE_SEED) + wear * whole[:, 0]
+        return cls("cutting force", "handbook constants", d, "cutting --propose 12")
+
 
 def unknowns(cell: Cell, points: CutPoints) -> list[CellUnknown]:
     """Everything that is not known of a cell, the most expensive first."""
@@ -94,7 +110,7 @@ def unknowns(cell: Cell, points: CutPoints) -> list[CellUnknown]:
 def sources(cell: Cell, points: CutPoints, *, planned: bool = True) -> list[DisplacementSource]:
     """Everything that is not known of a cell, each drawn by itself; ``planned``: a plan takes what the class loses."""
     listed = [*_axes_of_the_class(cell, points), *_unknown_end_effector(cell, points), *_stated(cell, points)]
-    listed.append(_force(cell, points))
+    listed.append(DisplacementSource.of_force(cell, points))
     listed += [*_play(cell, points, planned=planned), *_identified_play(cell, points)]
     given = cell.class_drives
     if cell.chain.servo is None:
@@ -216,22 +232,6 @@ def _stated(cell: Cell, points: CutPoints) -> list[DisplacementSource]:
         d = _scaled(parts[:, elements], sigma, elements[0])
         out.append(DisplacementSource(f"stiffness of the {where}", known, d, _PULLS))
     return out
-
-
-def _force(cell: Cell, points: CutPoints) -> DisplacementSource:
-    """Constants of the material: they scale every deflection."""
-    known = any(entry.recipe in ("cutting", "first_cut") for entry in cell.tables.identified)
-    whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1, keepdims=True)
-    if cell.unknown_axes and not why_no_prior(cell):
-        k = prior_of(cell.nominal_robot, cell.tables.robot).median_nm_per_rad[list(cell.unknown_axes)]
-        per_stiffness = axis_deflections(cell.chain, points.q, points.w_tcp_base, cell.unknown_axes)
-        whole += np.sum(per_stiffness / k[:, None], axis=1, keepdims=True)
-    if known:
-        d = _scaled(whole, np.array([IDENTIFIED]), _FORCE_SEED)
-        return DisplacementSource("cutting force", "identified", d, "cutting --propose 12")
-    wear = np.random.default_rng(_WEAR_SEED).uniform(0.0, WORN, (_DRAWS, 1, 1))
-    d = (1.0 + wear) * _scaled(whole, np.array([HANDBOOK]), _FORCE_SEED) + wear * whole[:, 0]
-    return DisplacementSource("cutting force", "handbook constants", d, "cutting --propose 12")
 
 
 def _play(cell: Cell, points: CutPoints, *, planned: bool) -> list[DisplacementSource]:

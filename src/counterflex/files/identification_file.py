@@ -162,6 +162,24 @@ class ArchivedRun:
     folder: Path  # Where it is kept
     result: dict[str, Any]  # Content of its ``result.json``
 
+    def line(self, folder: Path) -> dict[str, Any]:
+        """Row of the printed history."""
+        result = self.result
+        head = result["headline"][0]
+        return {
+            "date": result["date"],
+            "recipe": result["recipe"],
+            "cell": result["cell"],
+            "data": [d["manifest"] for d in result["data"]],
+            "rows": sum(d["rows"] for d in result["data"]),
+            "figure": head["name"],
+            "value": head["value"],
+            "nominal": head["nominal"],
+            "outliers": sum(len(fit["outliers"]) for fit in result["fits"].values()),
+            "counterflex": result["versions"]["counterflex"],
+            "folder": self.folder.relative_to(folder).as_posix(),
+        }
+
 
 def run_name(date: str, recipe: str, taken: Path) -> str:
     """Name of the folder of a run: date, time and recipe, numbered where there is one already.

@@ -34,6 +34,13 @@ class StatementForms:
     data_key: Literal["tool_data", "tooldata"]  # Key of ``[[tools]]`` that names the tool frame on the controller
     end: str = ""  # What every statement of the cell file's table ends in, and no condition has; empty where nothing
 
+    @classmethod
+    def of(cls, dialect: str) -> StatementForms:
+        """Statements that writers of a robot's language add themselves."""
+        forms = LANGUAGES[dialect].forms
+        assert forms is not None, dialect
+        return forms
+
 
 BY_ENDING: Final = "ending"
 """In place of a dialect: that of the ending of the file."""
@@ -134,13 +141,6 @@ def robot_dialects() -> Iterator[str]:
 def is_robot(dialect: str) -> bool:
     """Return whether a dialect is that of a robot; False for one that is not registered."""
     return dialect in LANGUAGES and LANGUAGES[dialect].robot
-
-
-def forms_of(dialect: str) -> StatementForms:
-    """Statements that writers of a robot's language add themselves."""
-    forms = LANGUAGES[dialect].forms
-    assert forms is not None, dialect
-    return forms
 
 
 def at_prompt(part: str, *, own: bool = False) -> dict[str, str]:

@@ -17,7 +17,7 @@ from counterflex.app.compensation.compensate import compensate, limited_feed
 from counterflex.app.compensation.languages import own_language, write
 from counterflex.app.inputs import faults_in, in_working_plane, read_in_plane, read_job, setting_of
 from counterflex.app.long_jobs.task import Reads, Task, Writes
-from counterflex.app.posture import posture_of
+from counterflex.app.posture import PostureOf
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import ProofReference, judge, reference_of
 from counterflex.app.proof.truth import exact_setting
@@ -55,7 +55,7 @@ def placed(
     atomic.write_text(target, text_with_part(Path(cell_file), pose, out))
     cell = read_cell(target)
     if posture == CHOSEN:
-        best = posture_of(program, cell, progress=progress).chosen.best
+        best = PostureOf.of(program, cell, progress=progress).chosen.best
         atomic.write_text(target, text_with_posture(target, best.branch, best.rotation_rad / DEG, out))
     elif posture != PRESENT:
         branch, rotation_deg = branch_and_rotation(posture)

@@ -30,7 +30,7 @@ from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
-from counterflex.evaluate.figures import weighted_figures
+from counterflex.evaluate.figures import DeviationFigures
 from counterflex.files.cell.cell import Cell
 from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.toolpath import FEED, RAPID
@@ -160,7 +160,7 @@ def swing_warnings(swings: list[dict[str, Any]]) -> list[str]:
 
 def path_error(size_m: Float, weight_m: Float) -> dict[str, float]:
     """Largest, 99.7 % and rms of an error, weighted by path length, mm."""
-    figures = weighted_figures(size_m, weight_m)
+    figures = DeviationFigures.weighted(size_m, weight_m)
     values = {"max_mm": figures.max_m, "p997_mm": figures.p997_m, "rms_mm": figures.rms_m}
     return {key: round(value / MM, 4) for key, value in values.items()}
 

@@ -45,30 +45,32 @@ class Known:
     causes: tuple[ErrorCause, ...]
     together: tuple[tuple[str, ...], ...]
 
+    @classmethod
+    def of(cls, plan: Plan, cell: Cell, row: Int) -> Known:
+        """Return what may be behind the errors of a path.
 
-def causes_of(plan: Plan, cell: Cell, row: Int) -> Known:
-    """Return what may be behind the errors of a path.
-
-    Args:
-        row: (k,) rows of the nodes.
-    """
-    deflection = plan.deflection_part[row, :3]
-    force_known = any(entry.recipe in ("cutting", "production") for entry in cell.tables.identified)
-    out = [
-        ErrorCause(FORCE, ("force, relative",), deflection[None], np.array([IDENTIFIED if force_known else HANDBOOK]))
-    ]
-    if not cell.holds_part:
-        out += _of_segments(plan, cell, row)
-    by_axis = np.stack([deflection * np.eye(3)[a] for a in range(3)])
-    seen = np.sum(by_axis**2, axis=(1, 2)) > _SHARE**2 * float(np.sum(deflection**2))
-    if np.any(seen):
-        along = tuple(f"compliance along {a}, relative" for a, on in zip("xyz", seen, strict=True) if on)
-        out.append(ErrorCause(DIRECTIONS, along, by_axis[seen], np.full(int(seen.sum()), STATED)))
-    out += _frame(plan.path.p_part_tcp[row])
-    names = [cause.name for cause in out]
-    together = [(FORCE, FRAME), (FORCE, FRAME, TURNED), (DIRECTIONS, FRAME)]
-    together += [(FORCE, name) for name in (ARM, END) if name in names]
-    return Known(tuple(out), tuple(one for one in together if set(one) <= set(names)))
+        Args:
+            row: (k,) rows of the nodes.
+        """
+        deflection = plan.deflection_part[row, :3]
+        force_known = any(entry.recipe in ("cutting", "production") for entry in cell.tables.identified)
+        out = [
+            ErrorCause(
+                FORCE, ("force, relative",), deflection[None], np.array([IDENTIFIED if force_known else HANDBOOK])
+            )
+        ]
+        if not cell.holds_part:
+            out += _of_segments(plan, cell, row)
+        by_axis = np.stack([deflection * np.eye(3)[a] for a in range(3)])
+        seen = np.sum(by_axis**2, axis=(1, 2)) > _SHARE**2 * float(np.sum(deflection**2))
+        if np.any(seen):
+            along = tuple(f"compliance along {a}, relative" for a, on in zip("xyz", seen, strict=True) if on)
+            out.append(ErrorCause(DIRECTIONS, along, by_axis[seen], np.full(int(seen.sum()), STATED)))
+        out += _frame(plan.path.p_part_tcp[row])
+        names = [cause.name for cause in out]
+        together = [(FORCE, FRAME), (FORCE, FRAME, TURNED), (DIRECTIONS, FRAME)]
+        together += [(FORCE, name) for name in (ARM, END) if name in names]
+        return cls(tuple(out), tuple(one for one in together if set(one) <= set(names)))
 
 
 def _of_segments(plan: Plan, cell: Cell, row: Int) -> list[ErrorCause]:

@@ -61,25 +61,7 @@ def history(folder: Path, recipe: str | None = None) -> dict[str, Any]:
             compared[name] = _compare(alike[-SHOWN:])
         if len(alike) < len(own):
             others[name] = [run.folder.relative_to(folder).as_posix() for run in own if run not in alike]
-    return {"runs": [_line(run, folder) for run in runs], "compared": compared, "not_compared": others}
-
-
-def _line(run: ArchivedRun, folder: Path) -> dict[str, Any]:
-    result = run.result
-    head = result["headline"][0]
-    return {
-        "date": result["date"],
-        "recipe": result["recipe"],
-        "cell": result["cell"],
-        "data": [d["manifest"] for d in result["data"]],
-        "rows": sum(d["rows"] for d in result["data"]),
-        "figure": head["name"],
-        "value": head["value"],
-        "nominal": head["nominal"],
-        "outliers": sum(len(fit["outliers"]) for fit in result["fits"].values()),
-        "counterflex": result["versions"]["counterflex"],
-        "folder": run.folder.relative_to(folder).as_posix(),
-    }
+    return {"runs": [run.line(folder) for run in runs], "compared": compared, "not_compared": others}
 
 
 def _compare(runs: list[ArchivedRun]) -> list[dict[str, Any]]:

@@ -14,10 +14,10 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
 from counterflex.cutting.removal import remove_path
-from counterflex.evaluate.figures import DeviationFigures, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures
 from counterflex.evaluate.inspection.nominal_part import NominalPart
 from counterflex.evaluate.inspection.registration import Registration, aligned
-from counterflex.evaluate.path_deviation import PathDeviation, PathFigures, path_deviation, path_figures
+from counterflex.evaluate.path_deviation import PathDeviation, PathFigures, path_deviation
 from counterflex.evaluate.tool_path.curve import curve_of
 from counterflex.evaluate.tool_path.pose_search import COVERED, diagnosed, score, searched
 from counterflex.evaluate.tool_path.readings import ToolReadings
@@ -55,7 +55,7 @@ class InspectedPath:
     @property
     def figures(self) -> PathFigures:
         """Of the path."""
-        return path_figures(self.track.deviation)
+        return PathFigures.of(self.track.deviation)
 
     def normal_m(self) -> dict[str, Float]:
         """Deviation along the normals of the surfaces that each station makes, (k,) m, positive = material left.
@@ -171,7 +171,7 @@ def path_entry(one: InspectedPath) -> dict[str, Any]:
     if track.clock:
         path["along"] = _figures(figures.along)
     normal = {name: v[np.isfinite(v)] for name, v in one.normal_m().items()}
-    path["normal"] = {name: _figures(weighted_figures(v, spacing)) for name, v in normal.items() if len(v)}
+    path["normal"] = {name: _figures(DeviationFigures.weighted(v, spacing)) for name, v in normal.items() if len(v)}
     for name, v in normal.items():
         if len(v):
             path["normal"][name]["mean_mm"] = round(float(v.mean()) / MM, 4)

@@ -54,14 +54,14 @@ def force_device(protocol: str, start: ForceStart) -> ForceDevice:
 def wrench_sender(start: ForceStart) -> WrenchSender:
     """A sensor that sends wrench datagrams."""
     source = max(0, int(start.values.get("source", -1)))
-    sender = WrenchSender(_peer(start, "wrench"), start.faults, source=source)
+    sender = WrenchSender(start.peer("wrench"), start.faults, source=source)
     sender.status = start.status
     return sender
 
 
 def frame_sender(start: ForceStart) -> WrenchSender:
     """A sensor that sends the frames of the cell file by itself."""
-    peer, own = _peer(start, "frame"), start.frame
+    peer, own = start.peer("frame"), start.frame
     assert isinstance(own, FrameSource)
     if own.transport != "udp" or own.start or own.request:
         raise InputError(
@@ -76,17 +76,6 @@ def _frame_of(frame: FrameFormat, one: Wrench) -> bytes:
     bits = frame.saturated_bits if one.status & SATURATED else 0
     bits |= frame.invalid_bits if one.status & INVALID else 0
     return frame.write(np.array(one.w_sensor), one.sequence, bits)
-
-
-def _peer(start: ForceStart, protocol: str) -> tuple[str, int]:
-    if start.port == 0:
-        raise InputError(
-            "where the force sensor sends to is not said",
-            where=start.where,
-            value=f'protocol = "{protocol}"',
-            hint="Give force_sensor.address (--scenario), the same as for counterflex run",
-        )
-    return start.host, start.port
 
 
 RATES_HZ: Final = (0.1, 7000)

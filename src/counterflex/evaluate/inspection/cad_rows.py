@@ -17,7 +17,7 @@ from counterflex.evaluate.inspection.mesh_shape import CadFace, CadSolid
 from counterflex.evaluate.inspection.nominal_part import STEEP
 from counterflex.evaluate.inspection.part_deviations import FREE
 from counterflex.evaluate.inspection.scanned_part import UP, ScannedPart
-from counterflex.evaluate.iso230.circular_test import circularity
+from counterflex.evaluate.iso230.circular_test import Circularity
 from counterflex.evaluate.measured_values import Row, values_row
 
 PITCH_M: Final = 1.0 * MM
@@ -286,7 +286,7 @@ def _circle(places: _Places, values: Mapping[str, Float], shares: Mapping[str, f
         if known.sum() < 0.5 * _ROUND * len(known):
             continue
         made = (places.points - face.point)[known] + value[known, None] * places.normals[known]
-        circle = circularity((made @ R)[:, :2], np.zeros(2), face.radius_m)
+        circle = Circularity.of((made @ R)[:, :2], np.zeros(2), face.radius_m)
         diameter[name] = np.array([2.0 * circle.radius_m])
         roundness[name] = np.array([circle.g_m])
         centre[name] = np.array([float(np.hypot(*circle.centre_offset_m))])

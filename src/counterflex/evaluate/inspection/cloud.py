@@ -173,32 +173,34 @@ class ScanUnit:
     choices: tuple[tuple[str, float], ...]
     fault: InputError | None = None  # raised where the part lies in the scan in none of them; None: its extent fits
 
+    @classmethod
+    def of(
+        cls, sample: Float, blank_m: float, units_m: Mapping[str, float], stated: str | None, where: str
+    ) -> ScanUnit:
+        """Units that a scan may be in.
 
-def scan_unit(sample: Float, blank_m: float, units_m: Mapping[str, float], stated: str | None, where: str) -> ScanUnit:
-    """Units that a scan may be in.
+        Args:
+            sample: (n, 3) points in file units.
+            blank_m: Diagonal of the blank, m.
+            units_m: SI values of the units to choose from, by name.
+            stated: Name of the unit that was asked for or that the file states, or None.
+            where: For the error.
 
-    Args:
-        sample: (n, 3) points in file units.
-        blank_m: Diagonal of the blank, m.
-        units_m: SI values of the units to choose from, by name.
-        stated: Name of the unit that was asked for or that the file states, or None.
-        where: For the error.
-
-    Raises:
-        InputError: The extent of the scan does not fit the blank in the stated unit, or in none.
-    """
-    size = diagonal(sample, where)
-    ratio = {name: size * unit / blank_m for name, unit in units_m.items()}
-    fits = [name for name in units_m if LEAST <= ratio[name] <= MOST]
-    if stated is None and len(fits) == 1:
-        return ScanUnit(((fits[0], units_m[fits[0]]),))
-    if stated is not None and LEAST <= ratio[stated] <= MOST:
-        return ScanUnit(((stated, units_m[stated]),))
-    fault = _other_size(size, blank_m, units_m, stated, fits, where)
-    wide = [name for name in units_m if MOST < ratio[name] <= WIDEST and stated in (None, name)]
-    if not wide or (fits and stated is None):
-        raise fault
-    return ScanUnit(tuple((name, units_m[name]) for name in wide), fault)
+        Raises:
+            InputError: The extent of the scan does not fit the blank in the stated unit, or in none.
+        """
+        size = diagonal(sample, where)
+        ratio = {name: size * unit / blank_m for name, unit in units_m.items()}
+        fits = [name for name in units_m if LEAST <= ratio[name] <= MOST]
+        if stated is None and len(fits) == 1:
+            return cls(((fits[0], units_m[fits[0]]),))
+        if stated is not None and LEAST <= ratio[stated] <= MOST:
+            return cls(((stated, units_m[stated]),))
+        fault = _other_size(size, blank_m, units_m, stated, fits, where)
+        wide = [name for name in units_m if MOST < ratio[name] <= WIDEST and stated in (None, name)]
+        if not wide or (fits and stated is None):
+            raise fault
+        return cls(tuple((name, units_m[name]) for name in wide), fault)
 
 
 def _other_size(

@@ -12,7 +12,7 @@ import scipy
 from counterflex.core.arrays import Bool, Float, Float32, Int
 from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.figures import weighted_figures
+from counterflex.evaluate.figures import DeviationFigures
 from counterflex.evaluate.floor_filter import LocalFit, floor_fit, local_fit
 from counterflex.evaluate.inspection.cloud import Cloud
 from counterflex.evaluate.inspection.nominal_part import FACING, NominalPart
@@ -146,11 +146,11 @@ class ScannedPart:
         return SurfaceDeviation(
             floor_m=floor,
             wall_m=wall,
-            surface=weighted_figures(
+            surface=DeviationFigures.weighted(
                 np.concatenate([cells, wall[known]]), np.concatenate([area, surface.wall_area_m2[known]])
             ),
-            floor=weighted_figures(cells, area),
-            wall=weighted_figures(wall[known], surface.wall_area_m2[known]),
+            floor=DeviationFigures.weighted(cells, area),
+            wall=DeviationFigures.weighted(wall[known], surface.wall_area_m2[known]),
             floor_resolution_m=step * nominal.cell_m,
             wall_resolution_m=pitch,
             wall_lost_m2=float(surface.wall_area_m2[~known].sum()),

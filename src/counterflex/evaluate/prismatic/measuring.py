@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.evaluate.iso230.circular_test import circularity
+from counterflex.evaluate.iso230.circular_test import Circularity
 from counterflex.evaluate.measured_values import MeasurablePart, Row, flatness, height_at, values_row
 from counterflex.evaluate.prismatic.finding import PrismaticFeature, WallPair, WallSegment
 from counterflex.evaluate.surface import NominalSurface
@@ -112,7 +112,7 @@ def _circle(feature: PrismaticFeature, parts: Parts, inset: float) -> list[Row]:
         if known.sum() < 0.5 * len(known):
             continue
         made = wall.points[known, :2] + beyond[known, None] * wall.normals[known]
-        circle = circularity(made, np.array([x, y]), radius)
+        circle = Circularity.of(made, np.array([x, y]), radius)
         diameter[name] = np.array([2.0 * circle.radius_m])
         round_[name] = np.array([circle.g_m])
         centre[name] = np.array([float(np.hypot(*circle.centre_offset_m))])

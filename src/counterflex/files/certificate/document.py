@@ -78,6 +78,19 @@ class MeasuredItem:
     name: str
     identifications: tuple[str, ...]
 
+    @classmethod
+    def of(cls, element: Any) -> MeasuredItem:
+        """Read an item of the certificate."""
+        maker = content(child(child(element, "manufacturer"), "name"))
+        parts = (maker, content(child(element, "name")), text_of(child(element, "model")))
+        listed = child(element, "identifications")
+        values = (
+            [text_of(child(one, "value")) for one in listed if local(one) == "identification"]
+            if listed is not None
+            else []
+        )
+        return cls(" ".join(part for part in parts if part), tuple(value for value in values if value))
+
 
 @dataclass(frozen=True)
 class Certificate:
@@ -136,17 +149,7 @@ def read_certificate(path: Path) -> Certificate:
         version=version,
         laboratory=content(child(laboratory, "name")) or "unnamed laboratory",
         date=text_of(child(core, "endPerformanceDate")) or "without date",
-        items=tuple(_item(one) for one in (items if items is not None else ()) if local(one) == "item"),
+        items=tuple(MeasuredItem.of(one) for one in (items if items is not None else ()) if local(one) == "item"),
         signed=any(local(one) == "Signature" for one in root),
         quantities=read_quantities(results, where),
     )
-
-
-def _item(element: Any) -> MeasuredItem:
-    maker = content(child(child(element, "manufacturer"), "name"))
-    parts = (maker, content(child(element, "name")), text_of(child(element, "model")))
-    listed = child(element, "identifications")
-    values = (
-        [text_of(child(one, "value")) for one in listed if local(one) == "identification"] if listed is not None else []
-    )
-    return MeasuredItem(" ".join(part for part in parts if part), tuple(value for value in values if value))

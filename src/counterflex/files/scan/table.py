@@ -44,6 +44,21 @@ class _Layout:
     unit: str | None  # Name of the unit in the header, or None
     count: int | None  # Number of rows that the first line announces, or None
 
+    @classmethod
+    def of(cls, lines: list[str], path: Path) -> _Layout:
+        """Find out how the table is laid out."""
+        rows = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
+        first, separator, decimals = _first_row(lines, rows, path)
+        words = split(lines[first], separator)
+        header, count = _above(lines[:first], words, separator)
+        named = None if header is None else _named_columns(header, len(words), separator, decimals, path)
+        numeric = [k for k, word in enumerate(words) if decimals.number(word) is not None]
+        x, y, z = numeric[_counts_up([lines[k] for k in rows if k >= first][:_SAMPLE], separator, numeric) :][:3]
+        xyz, unit = ((x, y, z), None) if named is None else named
+        holds = {*numeric, *(k for k, word in enumerate(words) if word.lower() in MISSING)}
+        plain = '"' not in lines[first] and len(holds) == len(words)
+        return cls(first, len(words), xyz, separator, decimals, plain, unit, count)
+
 
 def read_table(path: Path) -> Scan:
     """Read x, y, z of a table.
@@ -66,7 +81,7 @@ def read_table(path: Path) -> Scan:
     report = rows_of_axes(lines, str(path))
     if report is not None:
         return read_rows_of_axes(path, _whole(path), report)
-    layout = _layout(lines, path)
+    layout = _Layout.of(lines, path)
     store = PointStore(path, "table of points")
     rows = 0
     for block in _rows(path, layout):
@@ -93,20 +108,6 @@ def _lines(head: bytes, path: Path) -> list[str]:
     if len(head) == _HEAD and len(lines) > 1:
         lines = lines[:-1]  # the last one may be cut off
     return lines
-
-
-def _layout(lines: list[str], path: Path) -> _Layout:
-    rows = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
-    first, separator, decimals = _first_row(lines, rows, path)
-    words = split(lines[first], separator)
-    header, count = _above(lines[:first], words, separator)
-    named = None if header is None else _named_columns(header, len(words), separator, decimals, path)
-    numeric = [k for k, word in enumerate(words) if decimals.number(word) is not None]
-    x, y, z = numeric[_counts_up([lines[k] for k in rows if k >= first][:_SAMPLE], separator, numeric) :][:3]
-    xyz, unit = ((x, y, z), None) if named is None else named
-    holds = {*numeric, *(k for k, word in enumerate(words) if word.lower() in MISSING)}
-    plain = '"' not in lines[first] and len(holds) == len(words)
-    return _Layout(first, len(words), xyz, separator, decimals, plain, unit, count)
 
 
 def _first_row(lines: list[str], rows: list[int], path: Path) -> tuple[int, str | None, Decimals]:

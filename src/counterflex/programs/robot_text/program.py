@@ -47,11 +47,11 @@ class StatedTurns:
     high_deg: tuple[float, ...]
     words: str
 
-
-def turn_ranges(numbers: Sequence[int], size_deg: float, first_deg: float, words: str) -> StatedTurns:
-    """Ranges of one size that are counted by whole numbers; 0 begins at ``first_deg``."""
-    low = tuple(first_deg + size_deg * number for number in numbers)
-    return StatedTurns(low, tuple(value + size_deg for value in low), words)
+    @classmethod
+    def of(cls, numbers: Sequence[int], size_deg: float, first_deg: float, words: str) -> StatedTurns:
+        """Ranges of one size that are counted by whole numbers; 0 begins at ``first_deg``."""
+        low = tuple(first_deg + size_deg * number for number in numbers)
+        return cls(low, tuple(value + size_deg for value in low), words)
 
 
 Span = tuple[int, int]

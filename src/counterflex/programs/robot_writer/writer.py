@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.path.toolpath import ToolPath
 from counterflex.programs.compensated import mark
-from counterflex.programs.language import forms_of
+from counterflex.programs.language import StatementForms
 from counterflex.programs.program import Block, Program
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.robot_writer.points import (
@@ -175,7 +175,7 @@ class RobotWords(ABC, Generic[S]):
     @property
     def wait(self) -> str:
         """Line of a dwell, with ``{}`` for its time in s; that of a pause too: a dwell is read back, a pause is not."""
-        return forms_of(self.language).pause
+        return StatementForms.of(self.language).pause
 
     @abstractmethod
     def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:

@@ -13,7 +13,7 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.iso230.circular_test import CLOCKWISE, Turn, least_squares_circle
 from counterflex.evaluate.iso230.positioning import Positioning
 from counterflex.report.figure_data import numbers
-from counterflex.report.robot_tests.section import CYCLE_COLOURS, GRID, Section, conditions, test_page
+from counterflex.report.robot_tests.section import CYCLE_COLOURS, GRID, Section, test_page
 
 _POINTS_STRAIGHT: Final = 800
 _MOST_STRAIGHT: Final = 8
@@ -52,7 +52,7 @@ def straight_page(summary: Mapping[str, Any], parts: Sequence[Float]) -> str:
                 for row in summary["stretches"]
             ],
         ),
-        conditions(summary),
+        Section.conditions(summary),
     ]
     title = f"Straightness by {summary['standard']}"
     return test_page(title, ", ".join(summary["files"][:3]), verdict, sections, {"rests": rest_figure(parts)})
@@ -229,7 +229,7 @@ def circle_page(summary: Mapping[str, Any], turns: Sequence[Turn]) -> str:
             )
         )
     radius = summary["radius_mm"]
-    sections.append(conditions(summary))
+    sections.append(Section.conditions(summary))
     title = f"Circular test by {summary['standard']}"
     subtitle = f"{', '.join(summary['files'][:3])}" + ("" if radius is None else f", nominal radius {radius:g} mm")
     return test_page(title, subtitle, verdict, sections, {"circle": circle_figure(turns, factor)})

@@ -31,6 +31,31 @@ class Section:
     columns: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
 
+    @classmethod
+    def conditions(cls, summary: Mapping[str, Any]) -> Section:
+        """Return how the figures were made."""
+        rows = [
+            ["files", ", ".join(summary["files"])],
+            ["commanded", summary["commanded"]],
+            [
+                "frame",
+                summary["frame"] + (" (accuracies leave out what a frame absorbs)" if summary["frame_fitted"] else ""),
+            ],
+            ["filter", summary["filter"]],
+            ["standard deviation of the tracker as stated", f"{summary['tracker_sigma_um']:g} um"],
+        ]
+        noise = (
+            "The figures contain the noise of the instrument and the errors that all readings share: "
+            "of frame and scale."
+        )
+        if "confidence" in summary:
+            noise = (
+                "Intervals hold the true figure with 95 % confidence, from the scatter of the cycles that were "
+                "measured. They contain the noise of the instrument, not errors that all readings share: of the frame, "
+                "of its scale."
+            )
+        return cls("How it was measured", noise, columns=["", ""], rows=rows)
+
 
 def test_page(
     title: str, subtitle: str, verdict: str, sections: Sequence[Section], figures: Mapping[str, dict[str, Any]]
@@ -38,29 +63,6 @@ def test_page(
     """The page, as HTML text."""
     head = Head(title, subtitle)
     return render("robot_test.html.j2", dict(figures), [], data=head, verdict=verdict, sections=sections)
-
-
-def conditions(summary: Mapping[str, Any]) -> Section:
-    """Return how the figures were made."""
-    rows = [
-        ["files", ", ".join(summary["files"])],
-        ["commanded", summary["commanded"]],
-        [
-            "frame",
-            summary["frame"] + (" (accuracies leave out what a frame absorbs)" if summary["frame_fitted"] else ""),
-        ],
-        ["filter", summary["filter"]],
-        ["standard deviation of the tracker as stated", f"{summary['tracker_sigma_um']:g} um"],
-    ]
-    noise = (
-        "The figures contain the noise of the instrument and the errors that all readings share: of frame and scale."
-    )
-    if "confidence" in summary:
-        noise = (
-            "Intervals hold the true figure with 95 % confidence, from the scatter of the cycles that were measured. "
-            "They contain the noise of the instrument, not errors that all readings share: of the frame, of its scale."
-        )
-    return Section("How it was measured", noise, columns=["", ""], rows=rows)
 
 
 _DRAWN: Final = 0.06

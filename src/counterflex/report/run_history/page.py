@@ -189,6 +189,30 @@ class _Section:
     rows: tuple[tuple[str, ...], ...] = ()
     figure: str = ""
 
+    @classmethod
+    def trends(cls, program: Mapping[str, Any], name: str, figures: dict[str, Any]) -> _Section:
+        """Trends of a program; adds their picture."""
+        titles = {
+            one["figure"]: one["title"] + (f", {one['unit']}" if one["unit"] else "") for one in program["trends"]
+        }
+        trends = tuple(
+            (
+                titles[one["figure"]],
+                _text(one["mean"]),
+                f"{one['slope_per_run']:+.4g} ± {one['half_width95']:.2g}",
+                "changes" if one["clear"] else "no change to be told",
+                str(one["runs"]),
+            )
+            for one in program["trends"]
+        )
+        drawn = trend_figure({key: program["figures"][key] for key in titles}, titles)
+        if drawn is not None:
+            figures[name] = drawn
+        lead = "Change from run to run, least squares, with its 95 % interval; from four runs on."
+        heads = ("figure", "mean", "change per run", "verdict", "runs")
+        title = f"{program['program'] or program['program_sha256'][:12]}: {len(program['runs'])} runs"
+        return cls(title, lead, heads, trends, name if drawn is not None else "")
+
 
 def history_page(summary: Mapping[str, Any]) -> str:
     """The page of all runs and of the trends over runs of the same program."""
@@ -206,33 +230,11 @@ def history_page(summary: Mapping[str, Any]) -> str:
     figures: dict[str, Any] = {}
     for k, program in enumerate(summary["programs"]):
         if len(program["runs"]) > 1:
-            sections.append(_trends(program, f"trend{k}", figures))
+            sections.append(_Section.trends(program, f"trend{k}", figures))
     notes = [f"{one['folder']} cannot be read: {one['why']}" for one in summary["unreadable"]]
     head = Head("Runs", summary["folder"], notes=notes)
     verdict = f"{len(summary['runs'])} runs of {len(summary['programs'])} known programs."
     return render("run_history.html.j2", figures, [], data=head, verdict=verdict, sections=sections)
-
-
-def _trends(program: Mapping[str, Any], name: str, figures: dict[str, Any]) -> _Section:
-    """Trends of a program; adds their picture."""
-    titles = {one["figure"]: one["title"] + (f", {one['unit']}" if one["unit"] else "") for one in program["trends"]}
-    trends = tuple(
-        (
-            titles[one["figure"]],
-            _text(one["mean"]),
-            f"{one['slope_per_run']:+.4g} ± {one['half_width95']:.2g}",
-            "changes" if one["clear"] else "no change to be told",
-            str(one["runs"]),
-        )
-        for one in program["trends"]
-    )
-    drawn = trend_figure({key: program["figures"][key] for key in titles}, titles)
-    if drawn is not None:
-        figures[name] = drawn
-    lead = "Change from run to run, least squares, with its 95 % interval; from four runs on."
-    heads = ("figure", "mean", "change per run", "verdict", "runs")
-    title = f"{program['program'] or program['program_sha256'][:12]}: {len(program['runs'])} runs"
-    return _Section(title, lead, heads, trends, name if drawn is not None else "")
 
 
 def _compared(text: str, values: Sequence[float | None]) -> tuple[str, ...]:

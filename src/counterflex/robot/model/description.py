@@ -153,6 +153,30 @@ class Counterbalance:
     gas_constant_j: float  # Z R T m in J
     gas_volume_max_m3: float  # v_max
 
+    def torque(self, q_joint: Float | float) -> Float:
+        """Torque of the gas cylinder on its axis, positive in the positive direction of the controller angle.
+
+        With ``d = q - q_min_force``: ``dl = sqrt(D^2 + k^2 - 2 D k cos d) - (D - k)``, lever ``h = D k sin d / (dl + D
+        - k)``, gas pressure ``p = Z R T m / (V_max - dl A)``, torque ``-h p A``: it pulls back towards ``q_min_force``.
+
+        Args:
+            q_joint: (...) rad, controller angle of the axis it acts on.
+
+        Returns:
+            (...) N m.
+
+        Source: gas cylinder between column and link arm of KUKA KR QUANTEC robots, J. Weigand, Robot_Identification
+        (2021).
+        """
+        d = np.asarray(q_joint, dtype=np.float64) - self.q_min_force_rad
+        long, short = self.anchor_column_m, self.anchor_arm_m
+        length = np.sqrt(long**2 + short**2 - 2.0 * long * short * np.cos(d))
+        lever = long * short * np.sin(d) / length
+        stroke = length - (long - short)
+        pressure = self.gas_constant_j / (self.gas_volume_max_m3 - stroke * self.piston_area_m2)
+        out: Float = -lever * pressure * self.piston_area_m2
+        return out
+
 
 @dataclass(frozen=True)
 class Play:
@@ -204,6 +228,10 @@ class Opw:
     offsets_rad: tuple[float, ...]
     signs: tuple[int, ...]
 
+    def reach_m(self) -> float:
+        """Largest distance of the wrist from axis 2, m: upper arm and forearm in one line."""
+        return float(self.c2_m + np.hypot(self.c3_m, self.a2_m))
+
 
 @dataclass(frozen=True)
 class Robot:
@@ -225,6 +253,48 @@ class Robot:
     curves: tuple[ComplianceCurve, ...] = ()  # compliances that change with the load of their spring
     joint_accelerations_rad_s2: Float | None = None  # (6,) largest, or None
     axes: ControllerAxes = AS_MODEL  # how its controller counts the axes, see controller_axes
+
+    @classmethod
+    def from_dh(cls, name: str, rows: Sequence[DhRow], convention: Convention = "standard") -> Robot:
+        """Build a robot from its DH rows.
+
+        ``rows``: six, from the base outward; ``convention``: of the rows, see the module.
+
+        Returns:
+            The robot; rigid, without closed-form inverse kinematics.
+
+        Raises:
+            ModelError: Not six rows, or a convention that does not exist.
+        """
+        if len(rows) != AXES:
+            raise ModelError("a robot has six axes", where=name, value=f"{len(rows)} DH rows", limit=AXES)
+        if convention not in ("standard", "modified"):
+            raise ModelError("unknown DH convention", where=name, value=convention, limit="standard or modified")
+        segments = []
+        before = np.eye(4)
+        for i, row in enumerate(rows):
+            normal = pose.make(p=np.array([row.a_m, 0.0, 0.0])) @ pose.make(_about_x(row.alpha_rad))
+            along = pose.make(p=np.array([0.0, 0.0, row.d_m]))
+            if convention == "modified":
+                before = before @ pose.make(_about_x(row.alpha_rad)) @ pose.make(p=np.array([row.a_m, 0.0, 0.0]))
+            segments.append(
+                Segment(
+                    name=f"axis{i + 1}",
+                    T_prev_seg=frozen(before),
+                    joint=i,
+                    sign=row.sign,
+                    offset_rad=row.offset_rad,
+                    mass_kg=row.mass_kg,
+                    p_seg_com=np.array(row.p_axis_com, dtype=np.float64),
+                )
+            )
+            before = along @ normal if convention == "standard" else along
+        return cls(
+            name=name,
+            segments=tuple(segments),
+            T_last_flange=frozen(before),
+            joint_limits_rad=np.array([row.limits_rad for row in rows], dtype=np.float64),
+        )
 
 
 @dataclass(frozen=True)
@@ -252,48 +322,6 @@ class DhRow:
     mass_kg: float = 0.0  # mass of the body that the axis carries
     # (3,) m, its centre of gravity in the frame `axisN` (z along the axis, turning with it)
     p_axis_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-def from_dh(name: str, rows: Sequence[DhRow], convention: Convention = "standard") -> Robot:
-    """Build a robot from its DH rows.
-
-    ``rows``: six, from the base outward; ``convention``: of the rows, see the module.
-
-    Returns:
-        The robot; rigid, without closed-form inverse kinematics.
-
-    Raises:
-        ModelError: Not six rows, or a convention that does not exist.
-    """
-    if len(rows) != AXES:
-        raise ModelError("a robot has six axes", where=name, value=f"{len(rows)} DH rows", limit=AXES)
-    if convention not in ("standard", "modified"):
-        raise ModelError("unknown DH convention", where=name, value=convention, limit="standard or modified")
-    segments = []
-    before = np.eye(4)
-    for i, row in enumerate(rows):
-        normal = pose.make(p=np.array([row.a_m, 0.0, 0.0])) @ pose.make(_about_x(row.alpha_rad))
-        along = pose.make(p=np.array([0.0, 0.0, row.d_m]))
-        if convention == "modified":
-            before = before @ pose.make(_about_x(row.alpha_rad)) @ pose.make(p=np.array([row.a_m, 0.0, 0.0]))
-        segments.append(
-            Segment(
-                name=f"axis{i + 1}",
-                T_prev_seg=frozen(before),
-                joint=i,
-                sign=row.sign,
-                offset_rad=row.offset_rad,
-                mass_kg=row.mass_kg,
-                p_seg_com=np.array(row.p_axis_com, dtype=np.float64),
-            )
-        )
-        before = along @ normal if convention == "standard" else along
-    return Robot(
-        name=name,
-        segments=tuple(segments),
-        T_last_flange=frozen(before),
-        joint_limits_rad=np.array([row.limits_rad for row in rows], dtype=np.float64),
-    )
 
 
 def _about_x(angle: float) -> Float:

@@ -19,7 +19,7 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.robot.model.opw import BRANCHES, branches
 from counterflex.robot.model.opw_chain import from_opw
 from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
-from counterflex.twin.plant.controller import Controller, interpolate
+from counterflex.twin.plant.controller import CommandedReference, Controller
 
 _SAME_M = 1e-7
 _AHEAD = 250
@@ -97,7 +97,7 @@ class CommandedMotion:
         own_backlash_rad: Float | None = None,
     ) -> None:
         self.controller = controller
-        self.reference = interpolate(path, controller)
+        self.reference = CommandedReference.interpolated(path, controller)
         reference = self.reference
         self.poses = controller.tool_poses(reference.p_part_command, reference.axis_part, reference.turned_rad)
         self.at = 0.0

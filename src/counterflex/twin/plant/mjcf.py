@@ -41,6 +41,21 @@ class Coordinates:
     motor: Int  # (6,) coordinate of each motor
     torsion: Int  # (6,) coordinate of each driven body's ``rz``, -1 where that is rigid
 
+    def on_axes(self, sign: Float, on_link: Float, on_motor: Float) -> Float:
+        """Matrix (n, n) of springs or dampers on the link angle ``q + sign rz`` and on the motor angle of each axis.
+
+        ``sign``: (6,) of each axis. ``on_link``: (6,) N m/rad, or N m s/rad. ``on_motor``: (6,), the same.
+        """
+        out: Float = np.zeros((len(self.kind), len(self.kind)))
+        for axis, (m, t) in enumerate(zip(self.motor, self.torsion, strict=True)):
+            link = np.zeros(len(out))
+            link[m] = 1.0
+            if t >= 0:
+                link[t] = sign[axis]
+            out += on_link[axis] * np.outer(link, link)
+            out[m, m] += on_motor[axis]
+        return out
+
 
 def coordinates(truth: Truth) -> Coordinates:
     """List the coordinates of a truth in the order of the model."""
@@ -144,22 +159,6 @@ PARTS: Final = (1, 2, 4, 8, 16, 32)
 _RESERVE: Final = 1.2
 """A part of a step is stable if one longer by this is: postures between those looked at have a little less inertia."""
 _POSTURES: Final = 24
-
-
-def on_axes(coordinates: Coordinates, sign: Float, on_link: Float, on_motor: Float) -> Float:
-    """Matrix (n, n) of springs, or of dampers, on the link angle ``q + sign rz`` and on the motor angle of each axis.
-
-    ``sign``: (6,) of each axis. ``on_link``: (6,) N m/rad, or N m s/rad. ``on_motor``: (6,), the same.
-    """
-    out: Float = np.zeros((len(coordinates.kind), len(coordinates.kind)))
-    for axis, (m, t) in enumerate(zip(coordinates.motor, coordinates.torsion, strict=True)):
-        link = np.zeros(len(out))
-        link[m] = 1.0
-        if t >= 0:
-            link[t] = sign[axis]
-        out += on_link[axis] * np.outer(link, link)
-        out[m, m] += on_motor[axis]
-    return out
 
 
 def step_is_stable(M: Float, K: Float, implicit: Float, explicit: Float, step_s: float) -> bool:

@@ -23,7 +23,6 @@ from counterflex.programs.robot_text.program import (
     StatedTurns,
     angles_zyx,
     frame_zyx,
-    turn_ranges,
 )
 
 LETTERS: Final = "XYZWPR"
@@ -90,7 +89,7 @@ class FanucMotion(NamedPoint):
         if match is None:
             return None
         turns = [int(number) for number in match.groups()]
-        return turn_ranges(turns, 360.0, -180.0, f"CONFIG turns {', '.join(map(str, turns))}")
+        return StatedTurns.of(turns, 360.0, -180.0, f"CONFIG turns {', '.join(map(str, turns))}")
 
 
 @dataclass(frozen=True, slots=True)

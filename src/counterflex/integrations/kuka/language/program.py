@@ -163,6 +163,36 @@ class Target:
     source: str  # The literal as written, from brace to brace
     computed: bool = False  # No literal holds its numbers: a corrected one is written out in the motion
 
+    def edits(self, values: Values, active: Values, *, turned: bool) -> list[Edit]:
+        """Edits that give a target other values; none for components that are the same within the last decimal.
+
+        Args:
+            values: To command.
+            active: Where the robot is before, which components that are not written keep.
+            turned: The orientation is corrected too; else A B C stay.
+        """
+        out: list[Edit] = []
+        missing = ""
+        for letter in LETTERS:
+            if letter in "ABC" and not turned and letter in self.components:
+                continue
+            half = 0.5 * 10.0 ** -(LIMITS.position_decimals if letter in "XYZ" else LIMITS.angle_decimals)
+            component = self.components.get(letter)
+            if component is None:
+                if abs(values[letter] - active[letter]) > half:
+                    missing += f",{letter} {spelled(letter, values[letter])}"
+            elif abs(values[letter] - component.value) > half:
+                out.append((component.start, component.end, spelled(letter, values[letter])))
+        if missing:
+            out.append((self.close, self.close, missing))
+        return out
+
+    def text(self, edits: Sequence[Edit]) -> str:
+        """The literal of a target with edits, which count in its own line."""
+        offset = self.close + 1 - len(self.source)
+        moved = [(start - offset, end - offset, text) for start, end, text in edits]
+        return Edits((self.source,)).changed(1, moved)
+
 
 @dataclass(frozen=True, slots=True)
 class KrlMotion:
@@ -295,35 +325,3 @@ class Edits:
 def spelled(letter: str, value: float) -> str:
     """A component as it is written."""
     return number(value, LIMITS.position_decimals if letter in "XYZ" else LIMITS.angle_decimals)
-
-
-def target_edits(target: Target, values: Values, active: Values, *, turned: bool) -> list[Edit]:
-    """Edits that give a target other values; none for components that are the same within the last decimal.
-
-    Args:
-        values: To command.
-        active: Where the robot is before, which components that are not written keep.
-        turned: The orientation is corrected too; else A B C stay.
-    """
-    out: list[Edit] = []
-    missing = ""
-    for letter in LETTERS:
-        if letter in "ABC" and not turned and letter in target.components:
-            continue
-        half = 0.5 * 10.0 ** -(LIMITS.position_decimals if letter in "XYZ" else LIMITS.angle_decimals)
-        component = target.components.get(letter)
-        if component is None:
-            if abs(values[letter] - active[letter]) > half:
-                missing += f",{letter} {spelled(letter, values[letter])}"
-        elif abs(values[letter] - component.value) > half:
-            out.append((component.start, component.end, spelled(letter, values[letter])))
-    if missing:
-        out.append((target.close, target.close, missing))
-    return out
-
-
-def target_text(target: Target, edits: Sequence[Edit]) -> str:
-    """The literal of a target with edits, which count in its own line."""
-    offset = target.close + 1 - len(target.source)
-    moved = [(start - offset, end - offset, text) for start, end, text in edits]
-    return Edits((target.source,)).changed(1, moved)

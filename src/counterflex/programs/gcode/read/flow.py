@@ -13,7 +13,7 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.expression import Cursor, Expression
-from counterflex.programs.gcode.read.scanner import FlowWord, ScannedLine, error_at, scan_line, strip_comments
+from counterflex.programs.gcode.read.scanner import FlowWord, ScannedLine, error_at, strip_comments
 
 _BEGIN: Final = re.compile(r"/?(?:n\d+)?(if\[|while\[|goto|do\d|end\d|popen|pclos|dprnt|bprnt)")
 _OUTPUTS: Final = ("popen", "pclos", "dprnt", "bprnt")
@@ -28,6 +28,29 @@ class MacroFlow:
     target: Expression | None = None  # Block number that IF and GOTO go to
     then: ScannedLine | None = None  # Rest of the line behind THEN
     loop: int = 0  # Number of DO and END
+
+    @classmethod
+    def read(cls, cursor: Cursor, text: str, name: str, line: int) -> MacroFlow:
+        """Read a statement of macro flow at the cursor; the text names it in errors."""
+        if cursor.take("goto"):
+            return cls("goto", target=cursor.value())
+        for keyword in ("do", "end"):
+            if cursor.take(keyword):
+                return cls(keyword, loop=int(_digit(cursor)))
+        keyword = "if" if cursor.take("if") else "while"
+        cursor.take("while")
+        condition = cursor.value()
+        if keyword == "while":
+            if not cursor.take("do"):
+                raise cursor.error("DO is expected behind WHILE [...]", repr(cursor.peek(8)))
+            return cls("while", condition, loop=int(_digit(cursor)))
+        if cursor.take("goto"):
+            return cls("if", condition, cursor.value())
+        if not cursor.take("then"):
+            raise cursor.error("GOTO or THEN is expected behind IF [...]", repr(cursor.peek(8)))
+        then = ScannedLine.scan(" " * cursor.column + text[cursor.column :], name, line)
+        cursor.place = len(cursor.text)
+        return cls("if", condition, then=then)
 
 
 def scan_macro(text: str, name: str, line: int) -> MacroFlow | None:
@@ -44,32 +67,10 @@ def scan_macro(text: str, name: str, line: int) -> MacroFlow | None:
     if begin[1] in _OUTPUTS:
         return MacroFlow("text")
     cursor.place = begin.start(1)
-    flow = _read(cursor, text, name, line)
+    flow = MacroFlow.read(cursor, text, name, line)
     if cursor.peek():
         raise cursor.error("nothing may follow a jump or loop of a macro", repr(cursor.peek(12)))
     return flow
-
-
-def _read(cursor: Cursor, text: str, name: str, line: int) -> MacroFlow:
-    if cursor.take("goto"):
-        return MacroFlow("goto", target=cursor.value())
-    for keyword in ("do", "end"):
-        if cursor.take(keyword):
-            return MacroFlow(keyword, loop=int(_digit(cursor)))
-    keyword = "if" if cursor.take("if") else "while"
-    cursor.take("while")
-    condition = cursor.value()
-    if keyword == "while":
-        if not cursor.take("do"):
-            raise cursor.error("DO is expected behind WHILE [...]", repr(cursor.peek(8)))
-        return MacroFlow("while", condition, loop=int(_digit(cursor)))
-    if cursor.take("goto"):
-        return MacroFlow("if", condition, cursor.value())
-    if not cursor.take("then"):
-        raise cursor.error("GOTO or THEN is expected behind IF [...]", repr(cursor.peek(8)))
-    then = scan_line(" " * cursor.column + text[cursor.column :], name, line)
-    cursor.place = len(cursor.text)
-    return MacroFlow("if", condition, then=then)
 
 
 def _digit(cursor: Cursor) -> str:
@@ -173,7 +174,7 @@ class GcodeSource:
         """Return the line as scanned; each line is scanned once."""
         line = self.scanned.get(index)
         if line is None:
-            line = scan_line(self.lines[index], self.name, index + 1)
+            line = ScannedLine.scan(self.lines[index], self.name, index + 1)
             self.scanned[index] = line
         return line
 
