@@ -31,10 +31,8 @@ from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
 
 DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
-_NAMED: Final = 3
-"""Elements and bodies that are named of each mode."""
-_WORTH: Final = 0.05
-"""Share of the energy from which one is named."""
+_NAMED: Final = 3  # Elements and bodies that are named of each mode
+_WORTH: Final = 0.05  # Share of the energy from which one is named
 COUNT: Final = 6
 
 

@@ -39,8 +39,7 @@ from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 _WRITE_S: Final = 0.1
 _SYNC_EVERY: Final = 10
 _PATH_ROWS: Final = 500
-_START: Final = 8
-"""Cycles until the loop is active; from then on only the place changes."""
+_START: Final = 8  # Cycles until the loop is active; from then on only the place changes
 _Q: Final = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 
 

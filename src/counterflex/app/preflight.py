@@ -43,8 +43,7 @@ CHECK: Final = "nominal geometry"
 LIMIT_M: Final = 50.0 * UM
 """Of a face without a tolerance of profile or position: five times the usual tolerance of a CAM system."""
 _MOST_ROWS: Final = 12
-_DEEPEST_M: Final = 5.0 * MM
-"""Distances to what was cut are known up to this."""
+_DEEPEST_M: Final = 5.0 * MM  # Distances to what was cut are known up to this
 
 
 def nominal_rows(cad: Path, job: Job, cell: Cell, path: ToolPath) -> list[Row]:

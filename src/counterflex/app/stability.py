@@ -35,8 +35,7 @@ from counterflex.report.figure_data import numbers, thin
 from counterflex.report.page import render
 
 _POINTS: Final = 3000
-_SHOWN: Final = 20.0
-"""Margins above are drawn at this height: nothing is to be read from them."""
+_SHOWN: Final = 20.0  # Margins above are drawn at this height: nothing is to be read from them
 _TEXTS: Final = {"stable": "Stable along the whole path.", "chatter": "The program chatters: do not run it as it is."}
 
 
@@ -153,8 +152,7 @@ def lobe_figure(rows: Sequence[Mapping[str, Any]], worst: Mapping[str, Any]) -> 
 
 READING, MARGINS, DIAGRAMS = "reading the program", "margin along the path", "lobes"
 _ENGAGED: Final = 0.05
-_LINES: Final = 8
-"""Lines at which the damping that is needed is computed."""
+_LINES: Final = 8  # Lines at which the damping that is needed is computed
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,13 +48,11 @@ _FORCE_SEED: Final = 1001
 _PLAY_SEED: Final = 1002
 _WEAR_SEED: Final = 1003
 _END_EFFECTOR_SEED: Final = 1004
-_SIGN_SEED: Final = 1005
-"""Of the random numbers; elements have that of their number."""
+_SIGN_SEED: Final = 1005  # Of the random numbers; elements have that of their number
 _PULLS: Final = "stiffness --propose 30"
 _PLAY: Final = "play --propose 24"
 _TYPICAL: Final = "typical of the class"
-_COUNT: Final = 20
-"""Measurements that are proposed where a recipe asks for no number of its own."""
+_COUNT: Final = 20  # Measurements that are proposed where a recipe asks for no number of its own
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from counterflex.cli.output import everything_is_text, print_fault
 from counterflex.core.errors import CounterflexError, Interrupted
 from counterflex.core.system_fault import system_fault
 
-_INTERRUPTED: Final = 130
-"""Status that the command parser gives an interrupted command."""
+_INTERRUPTED: Final = 130  # Status that the command parser gives an interrupted command
 
 
 def run() -> None:

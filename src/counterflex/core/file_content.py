@@ -76,8 +76,7 @@ LARGEST_BYTES: Final = 2**30
 LARGEST_TABLE_BYTES: Final = 2**31
 """Most bytes that a table or an archive may unpack to: a plan of five million points has as many."""
 _PIECE: Final = 2**20
-_LONGEST: Final = 80
-"""Characters of a library's message that are printed."""
+_LONGEST: Final = 80  # Characters of a library's message that are printed
 _AGAIN: Final = "Write or copy it again"
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 

@@ -97,8 +97,7 @@ else:
     import fcntl
 
 _BOOT: Final = Path("/proc/sys/kernel/random/boot_id")
-_LOCKED_AT: Final = 1 << 30
-"""Byte that is locked on Windows: beyond all content, so that others may read it."""
+_LOCKED_AT: Final = 1 << 30  # Byte that is locked on Windows: beyond all content, so that others may read it
 _HELD: Final = (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK)
 
 

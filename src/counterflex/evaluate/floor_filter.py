@@ -131,8 +131,7 @@ def regression(place: Int, slope: Float, count: Int, bent: Bool | None = None, w
 
 CUTOFF_M: Final = 2.5 * MM
 """Cut-off wavelength (nesting index), of the series 0.25, 0.8, 2.5, 8 mm of ISO 16610: half of a wave of it is left."""
-_REACH: Final = 0.5
-"""The weight is cut off at this share of the cut-off, where it is 3 % of that in the middle."""
+_REACH: Final = 0.5  # The weight is cut off at this share of the cut-off, where it is 3 % of that in the middle
 _ALPHA: Final = float(np.sqrt(np.log(2.0) / np.pi))
 _ON_FLOOR: Final = 0.3
 """The weighted mean of the neighbours is nearer than this share of the reach: at the edge of a floor it is as far off,

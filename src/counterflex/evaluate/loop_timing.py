@@ -22,8 +22,7 @@ from counterflex.core.units import MS
 
 _WIDTH: Final = math.log(1.01)
 _LEAST: Final = 1e-2
-_CLASSES: Final = 2084
-"""Up to 1e7 times the unit of the least class."""
+_CLASSES: Final = 2084  # Up to 1e7 times the unit of the least class
 
 
 class LatencyHistogram:

@@ -23,8 +23,7 @@ Role = Literal["viewer", "operator"]
 LEAST: Final = 10
 """Characters of a password."""
 _MOST: Final = 256
-_N, _R, _P = 1 << 14, 8, 1
-"""Cost of scrypt (RFC 7914): 16 MB and some 50 ms a try."""
+_N, _R, _P = 1 << 14, 8, 1  # Cost of scrypt (RFC 7914): 16 MB and some 50 ms a try
 _NOBODY: Final = bytes(16)
 
 

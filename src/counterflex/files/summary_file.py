@@ -30,8 +30,7 @@ FILES: Final = "files_sha256"
 """Key of a summary: SHA-256 by name of the files that were written with it."""
 SEAL: Final = "sha256"
 """Key of a sealed file: SHA-256 over everything else in it."""
-_FORMER_LEVELS = {"same": "exact", "seeded": "catalogue"}
-"""Truth levels of version 1 and what they are called since."""
+_FORMER_LEVELS = {"same": "exact", "seeded": "catalogue"}  # Truth levels of version 1 and what they are called since
 
 
 def write_summary(path: Path, data: Mapping[str, Any]) -> None:

@@ -13,8 +13,7 @@ from counterflex.path.sampling import DWELL_MOTION, RAPID_MOTION, MotionTable, j
 from counterflex.path.toolpath import FEED, ToolPath
 
 _TURN_STEP_RAD: Final = np.deg2rad(0.25)
-_TRIED: Final = 8
-"""Chords that the length of a turning motion is measured by."""
+_TRIED: Final = 8  # Chords that the length of a turning motion is measured by
 _TURN_LEVER_M: Final = 0.3
 """A change of orientation by 1 rad takes as long as this much path, where no feed says how long it takes."""
 

@@ -147,11 +147,9 @@ def feed_factor(nominal_m: Float, commanded_m: Float) -> Float:
     return out
 
 
-_RELIEVED_M: Final = 2e-6
-"""Less than that is not worth a block."""
+_RELIEVED_M: Final = 2e-6  # Less than that is not worth a block
 _SIDEWAYS_M: Final = 1e-9
-_TURN_LEVER_M: Final = 0.3
-"""A turn by 1 rad counts as this much path: the reach of a tool and its holder."""
+_TURN_LEVER_M: Final = 0.3  # A turn by 1 rad counts as this much path: the reach of a tool and its holder
 _NOT_THE_PROGRAM: Final = "the compensated path was not sampled from this program"
 
 

@@ -21,8 +21,7 @@ from counterflex.core.units import MS
 
 _PER_PERIOD: Final = 20
 _COARSEST_S: Final = 4.0 * MS
-_MARGIN: Final = 12
-"""Time constants by which a stretch of path is extended, both ways, at rest."""
+_MARGIN: Final = 12  # Time constants by which a stretch of path is extended, both ways, at rest
 _MOST_SAMPLES: Final = 4_000_000
 
 

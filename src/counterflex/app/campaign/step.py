@@ -90,8 +90,7 @@ WORK: Final = {
     "identify": 3.0,
 }
 """Parts of the work with what they cost in the mean over the recipes (``seconds`` of a step's result)."""
-_HOLDOUT_SEED: Final = 1000
-"""Added to the seed of a proposal, so that validation stands elsewhere than the fit."""
+_HOLDOUT_SEED: Final = 1000  # Added to the seed of a proposal, so that validation stands elsewhere than the fit
 
 
 def step(

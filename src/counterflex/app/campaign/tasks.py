@@ -176,8 +176,7 @@ def _joints(cell: Cell, program: str | None) -> Float:
 
 
 TRUTH: Final = "truth.toml"
-_PLACING, _CHOOSING, _PLANNING, _COMPARING = 0.02, 0.5, 0.2, 0.05
-"""Expected time, relative to a machining."""
+_PLACING, _CHOOSING, _PLANNING, _COMPARING = 0.02, 0.5, 0.2, 0.05  # Expected time, relative to a machining
 
 
 @dataclass(frozen=True)

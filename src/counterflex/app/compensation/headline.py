@@ -53,8 +53,7 @@ def extrapolation_text(estimate: Mapping[str, Any] | None) -> str:
 
 LISTED: Final = 6
 """Most lines that a warning names."""
-_WORSE_M: Final = 1.0 * UM
-"""A line counts as worse from here on: programs are written to a micrometre."""
+_WORSE_M: Final = 1.0 * UM  # A line counts as worse from here on: programs are written to a micrometre
 
 
 def worse_lines(plan: Plan) -> list[dict[str, Any]]:

@@ -46,8 +46,7 @@ from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.elastic_region import beyond_regions
 
 _OVERSHOOT: Final = 2.0
-_FREE_PLAY_M: Final = 20.0 * UM
-"""Beside the overshoot: what play and friction leave open."""
+_FREE_PLAY_M: Final = 20.0 * UM  # Beside the overshoot: what play and friction leave open
 
 
 def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:

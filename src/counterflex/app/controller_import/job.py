@@ -28,8 +28,7 @@ from counterflex.robot.model.description import Robot
 JOINTS: Final = tuple(f"q{i}_deg" for i in range(1, 7))
 POSE: Final = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
 _MOST: Final = 10_000
-_CONSTANT: Final = 0.2
-"""A difference counts as constant where its spread over the poses is below this share of it."""
+_CONSTANT: Final = 0.2  # A difference counts as constant where its spread over the poses is below this share of it
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,7 @@ DIRECTIONS: Final = "stiffness by direction"
 OFFSET_M: Final = 0.1 * MM
 ROTATION_RAD: Final = 0.5 * MRAD
 """What is known of the part frame: how well a probe of the robot or a tracker finds it."""
-_SHARE: Final = 0.1
-"""Of the deflection, from which an element is a cause of its own."""
+_SHARE: Final = 0.1  # Of the deflection, from which an element is a cause of its own
 
 
 @dataclass(frozen=True, eq=False)

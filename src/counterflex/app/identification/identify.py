@@ -145,8 +145,7 @@ FEW: Final = 10
 _UNSEEN: Final = ("holdout_", "region_", "file_")
 """What the names of figures of the data not used begin with; all others are values and no errors."""
 
-_GROWN: Final = 1.02
-"""Growth of an error on data not used below which it is called the same."""
+_GROWN: Final = 1.02  # Growth of an error on data not used below which it is called the same
 _LIBRARIES: Final = ("numpy", "scipy", "numba")
 
 

@@ -26,8 +26,7 @@ POSITIONS: Final[dict[str, str]] = {
     "reported": "reported by the robot controller from its axes: the arm's deflection is not in it",
     "commanded": "commanded: nothing was measured",
 }
-_CUTS: Final = 3.0
-"""A run has cut where its force within the planned cut is so many times that outside of it."""
+_CUTS: Final = 3.0  # A run has cut where its force within the planned cut is so many times that outside of it
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,7 @@ NOISIEST_M: Final = 0.3 * MM
 """Standard deviation of a reading above which a log is none of a path."""
 _FITS: Final = 12
 _STILL_M: Final = 1e-8
-_CONDITION: Final = 1000.0
-"""Worse than this the motion in air does not hold the frame, and all of the path is fitted."""
+_CONDITION: Final = 1000.0  # Worse than this the motion in air does not hold the frame, and all of the path is fitted
 
 
 @dataclass(frozen=True, eq=False)

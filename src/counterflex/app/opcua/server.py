@@ -126,8 +126,7 @@ class ObservedRun:
 
 
 NAMESPACE: Final = "urn:counterflex:opcua"
-_NICE: Final = 5
-"""Priority below that of everything that runs beside it, the loop above all."""
+_NICE: Final = 5  # Priority below that of everything that runs beside it, the loop above all
 _TYPES: Final = {
     str: ua.VariantType.String,
     bool: ua.VariantType.Boolean,

@@ -19,12 +19,9 @@ from counterflex.runtime.monitoring.events import Event, Slowed
 from counterflex.runtime.state.states import Cause, State
 
 _PANEL: Final = {NO_PANEL: "none", THERE: "there", LOST: "lost"}
-_STANDS_M_S: Final = 1e-3
-"""Below this speed of the commanded point the feed direction is the last one."""
-_LEAST_N: Final = 50.0
-"""Force that counts as a cut where no plan tells."""
-_AROUND: Final = 64
-"""Snapshots over which times of answers are judged."""
+_STANDS_M_S: Final = 1e-3  # Below this speed of the commanded point the feed direction is the last one
+_LEAST_N: Final = 50.0  # Force that counts as a cut where no plan tells
+_AROUND: Final = 64  # Snapshots over which times of answers are judged
 
 
 def words(name: str) -> str:

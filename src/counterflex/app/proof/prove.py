@@ -59,8 +59,7 @@ _PLANNING_S: Final = 0.2
 _MACHINING_S: Final = 0.2
 _JUDGING_S: Final = 0.02
 _START_S: Final = 6.0
-_BEGUN: Final = 1e-6
-"""Share of a task that says that it has begun."""
+_BEGUN: Final = 1e-6  # Share of a task that says that it has begun
 
 
 def prove(

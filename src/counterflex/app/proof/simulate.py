@@ -39,8 +39,7 @@ from counterflex.twin.truth.truth import Truth
 PROGRAM, ORIGINAL, CELL, TRUTH = "program", "original", "cell.toml", "truth.toml"
 RUN, SURFACE, COLUMNS, SUMMARY, BLANKS = "run.parquet", "surface.npz", "columns.npz", "summary.json", "blank.*"
 PARAMETERS = "parameters.var"
-_GCODE: Final = ".ngc"
-"""Ending of programs as LinuxCNC reads them."""
+_GCODE: Final = ".ngc"  # Ending of programs as LinuxCNC reads them
 OTHER_CELL_M = 20.0 * MM
 """Distance of a body from where the cell has it, beyond which a truth is taken for another cell's."""
 

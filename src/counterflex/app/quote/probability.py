@@ -41,8 +41,7 @@ from counterflex.evaluate.surface import NominalSurface
 from counterflex.evaluate.swept_section import swept_section
 from counterflex.files.cell.cell import Cell
 
-_BATCH: Final = 100
-"""Draws that are looked at together: 1e5 contacts of them take 80 MB."""
+_BATCH: Final = 100  # Draws that are looked at together: 1e5 contacts of them take 80 MB
 _SLOPE_M: Final = 0.75 * MM
 _EVEN_M: Final = 50.0 * UM
 """Difference of the rise over that length to either side above which a floor is not one slope."""

@@ -40,8 +40,7 @@ from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers
 from counterflex.report.page import render
 
-_SPAN = 3.0
-"""Deviations are shown up to this many tolerances; what is further off counts at the ends."""
+_SPAN = 3.0  # Deviations are shown up to this many tolerances; what is further off counts at the ends
 
 
 @dataclass(frozen=True, eq=False)

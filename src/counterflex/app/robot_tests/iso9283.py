@@ -29,8 +29,7 @@ from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose
 
 _FITS: Final = 20
-_FITTED: Final = 1e-8
-"""A step of the fit that turns or moves by less (rad, m) is none."""
+_FITTED: Final = 1e-8  # A step of the fit that turns or moves by less (rad, m) is none
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,11 +21,9 @@ from counterflex.evaluate.iso9283.standstills import Settled
 from counterflex.geometry import pose
 
 MDEG: Final = 1e-3 * DEG
-_ALL_PAIRS: Final = 5
-"""Up to this many poses all their distances are judged; of more, those of neighbours."""
+_ALL_PAIRS: Final = 5  # Up to this many poses all their distances are judged; of more, those of neighbours
 _DISCRETE_S: Final = 0.5
-_SETTLINGS: Final = 3
-"""Approaches of a pose that the standard takes the stabilisation time from."""
+_SETTLINGS: Final = 3  # Approaches of a pose that the standard takes the stabilisation time from
 
 
 @dataclass(frozen=True, eq=False)

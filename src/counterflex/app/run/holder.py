@@ -88,11 +88,9 @@ APART_M: Final = 5.0 * MM
 """Most by which the tool tip of ``[holder]`` and that of the chain may differ."""
 SINCE_S: Final = 60.0
 """Time since the zeros were taken for which the uncertainty of the force is stated."""
-_SAMPLES: Final = 4
-"""Readings in a cycle of the loop at the usual rate."""
+_SAMPLES: Final = 4  # Readings in a cycle of the loop at the usual rate
 _WINDOW_S, _LEAST_SLEW_N = 0.1, 60.0
-_MARGIN: Final = 1.5
-"""By how much faster than planned a force is expected to change."""
+_MARGIN: Final = 1.5  # By how much faster than planned a force is expected to change
 _SIGMAS: Final = 3.0
 
 

@@ -81,10 +81,8 @@ def about_run(settings: RunSettings, session: OnlineSession, out: Path) -> dict[
 
 END_S: Final = 5.0
 """How long ramping out may take before the loop ends all the same."""
-_SLICE_S: Final = 0.05
-"""How long a loop in lockstep waits before it looks whether it is to end, or whether it is alone."""
-_SILENT_S: Final = 0.1
-"""A robot that is told to stop and sends nothing any more has stopped."""
+_SLICE_S: Final = 0.05  # How long a loop in lockstep waits before it looks whether it is to end, or whether it is alone
+_SILENT_S: Final = 0.1  # A robot that is told to stop and sends nothing any more has stopped
 _ACTING: Final = (State.ACTIVE, State.HOLD, State.RAMP_OUT)
 _GONE, _LOOP_NS, _END = int(Life.GONE), int(Life.LOOP_NS), int(Request.END)
 

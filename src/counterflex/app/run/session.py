@@ -40,8 +40,7 @@ from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 
 QUIET_S = 2.0
 """Without a telegram for so long, a run has ended."""
-_MEAN_OF = 8
-"""Most poses of a tracker in a cycle of which the mean is taken; more have piled up."""
+_MEAN_OF = 8  # Most poses of a tracker in a cycle of which the mean is taken; more have piled up
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,8 @@ Kind = Literal["wall in", "wall out", "plunge", "edge", "run-up"]
 _TANGENT_RAD: Final = 0.25
 _CONTACT_M3: Final = 1e-12
 _LEVEL_M: Final = 1e-9
-_SOON_M: Final = 0.5 * MM
-"""A cut that takes material within so much of its beginning begins in the material."""
-_CORNER: Final = math.cos(math.pi / 9.0)
-"""Cosine of a turn between two motions that is a corner."""
+_SOON_M: Final = 0.5 * MM  # A cut that takes material within so much of its beginning begins in the material
+_CORNER: Final = math.cos(math.pi / 9.0)  # Cosine of a turn between two motions that is a corner
 _WORDS: Final = frozenset("GXYZFIJKN")
 
 

@@ -23,8 +23,7 @@ from counterflex.plan.undisturbed_cut import undisturbed_cut
 
 POSTURE_RAD: Final = 2.0 * DEG
 """Change of an axis after which modes are computed anew."""
-_RISE: Final = 0.1
-"""Share of the way along the axis up to which a motion of a turning tool counts as one beside a wall."""
+_RISE: Final = 0.1  # Share of the way along the axis up to which a motion of a turning tool counts as one beside a wall
 _TANGENT_RAD: Final = 0.25
 """An arc that begins nearer than this to 0 begins at the wall: the stock's grid blurs the end of thin chips."""
 

@@ -13,8 +13,7 @@ from counterflex.cli.commands.program import Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.errors import InputError
 
-_SETTLED: Final = 5.0
-"""Change of a strain from half as many bricks above which more are advised, %."""
+_SETTLED: Final = 5.0  # Change of a strain from half as many bricks above which more are advised, %
 holder = typer.Typer(no_args_is_help=True, help="Design a spindle holder that senses the cutting force by strain.")
 
 

@@ -23,16 +23,12 @@ from counterflex.evaluate.measured_values import Row, values_row
 PITCH_M: Final = 1.0 * MM
 """Distance of the places of a face at which it is measured; up a wall three times as much, as its windows are."""
 _MOST: Final = 4000
-_EDGE_M: Final = 0.5 * MM
-"""Strip along the edges of a face that is left out; of a narrow one what leaves its middle."""
+_EDGE_M: Final = 0.5 * MM  # Strip along the edges of a face that is left out; of a narrow one what leaves its middle
 _MIDDLE: Final = 0.8
-_ROUND: Final = 0.5
-"""Less of a turn than this share is measured as a profile: its centre is known badly."""
+_ROUND: Final = 0.5  # Less of a turn than this share is measured as a profile: its centre is known badly
 _LEAST: Final = 3
-_FLAT: Final = 10
-"""Fewer places show no form."""
-_LARGEST_M: Final = 2.0
-"""End of the table of general tolerances."""
+_FLAT: Final = 10  # Fewer places show no form
+_LARGEST_M: Final = 2.0  # End of the table of general tolerances
 
 
 @dataclass(frozen=True, eq=False)

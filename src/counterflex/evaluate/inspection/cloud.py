@@ -16,8 +16,7 @@ ALONE: Final = 0.25
 """A place with fewer neighbours than this share of the median is taken for an outlier."""
 NEIGHBOURS: Final = 16
 """Points that a normal is estimated from."""
-_HALF: Final = 1 << 20
-"""Cubes on each side of the origin: 21 bits each way."""
+_HALF: Final = 1 << 20  # Cubes on each side of the origin: 21 bits each way
 _ROWS: Final = 4_000_000
 
 

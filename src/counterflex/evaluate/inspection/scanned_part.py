@@ -30,8 +30,7 @@ UP: Final = 3.0
 """Up and down a wall the window is so many times wider: what a tool leaves changes along its path first."""
 _NEAR: Final = 8
 _GROSS: Final = 8.0
-_SCANNED: Final = 500
-"""Fewer points were probed one by one: their neighbours do not show which way the surface looks."""
+_SCANNED: Final = 500  # Fewer points were probed one by one: their neighbours do not show which way the surface looks
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,8 +28,7 @@ from counterflex.evaluate.surface import NominalSurface
 _NEAR_M: Final = 1.6 * MM
 """Wall points lie about half a millimetre apart, three heights of a wall above each other apart from that."""
 _ALIKE: Final = float(np.cos(1.0 * DEG))
-_OFF_M: Final = 20.0 * UM
-"""Off the line of a neighbour: chords of sampled arcs stay within it."""
+_OFF_M: Final = 20.0 * UM  # Off the line of a neighbour: chords of sampled arcs stay within it
 _STRAIGHT: Final = float(np.cos(0.5 * DEG))
 LEAST_M: Final = 3.0 * MM
 _MIDDLE: Final = 0.2
@@ -137,8 +136,7 @@ _SQUARE: Final = float(np.sin(0.5 * DEG))
 _OVERLAP: Final = 0.5
 _FLAT: Final = 1.0 - 1e-6
 _LEAST_FLOOR_M2: Final = 25.0 * MM * MM
-_RIM_M: Final = 1.25 * MM
-"""Strip along the edges of a floor that is left out: the filter of a floor has no value there."""
+_RIM_M: Final = 1.25 * MM  # Strip along the edges of a floor that is left out: the filter of a floor has no value there
 _ROUND_M: Final = 30.0 * UM
 _ORDER: Final = (
     (True, "rectangular pocket", True),

@@ -14,8 +14,7 @@ from counterflex.evaluate.measured_values import MeasurablePart, Row, flatness, 
 from counterflex.evaluate.prismatic.finding import PrismaticFeature, WallPair, WallSegment
 from counterflex.evaluate.surface import NominalSurface
 
-_END_M: Final = 1.0 * MM
-"""Strip at both ends of a wall that is left out: corners have a radius."""
+_END_M: Final = 1.0 * MM  # Strip at both ends of a wall that is left out: corners have a radius
 _INSET: Final = 0.5
 """A ray begins at this share of the smallest radius of a tool before the wall, where the tool has been."""
 _SIDES: Final = {(1, 0): "x+", (-1, 0): "x-", (0, 1): "y+", (0, -1): "y-"}

@@ -23,8 +23,7 @@ from counterflex.robot.model.class_prior import AXES, ClassPrior, DrivePrior, ar
 from counterflex.robot.model.description import Play, Robot
 
 _ABOUT_Z = 5
-_POSTURES = 32
-"""Within the joint limits; loop gains are set once for all postures. With 256 the gains differ by 3 %."""
+_POSTURES = 32  # Within the joint limits; loop gains are set once for all postures. With 256 the gains differ by 3 %.
 _TURNS = ("rx_urad_per_knm", "ry_urad_per_knm", "rz_urad_per_knm")
 
 

@@ -58,12 +58,10 @@ class Window:
 
 
 _ANY = 0.0
-_ROUNDED: Final = 1e-8
-"""Digits that an identified value keeps in the file."""
+_ROUNDED: Final = 1e-8  # Digits that an identified value keeps in the file
 _AMONG: Final = "the other rotational compliances of this element are far from it; is it in another unit?"
 _PLACE = Window.of(0.5, 1000.0, _ANY, 5000.0)
-_TURNED = Window.of(1e-3, 360.0, _ANY, 720.0)
-"""An angle that is meant to be zero is measured to be anything."""
+_TURNED = Window.of(1e-3, 360.0, _ANY, 720.0)  # An angle that is meant to be zero is measured to be anything
 _ELEMENT = Window.of(1.0, 2e4, _ANY, 1e6)
 _TURNING = Window.of(10.0, 15e3, _ANY, 1e6)  # published elements of milling robots: 83 to 14925 (Haehn2020)
 _FRICTION = Window.of(0.5, 500.0, 0.2, 1000.0)
@@ -175,8 +173,7 @@ _OFFSETS: Final = frozenset(f"end_effector.com_{axis}_mm" for axis in "xyz")
 """Components that are near zero by design, whatever their digits."""
 _TYPED_DECIMALS: Final = 2
 """Decimals of a length that was typed in m: 0.24; a small offset that was measured has more: 0.117."""
-_OWN: Final = "identified"
-"""Beginning of the source of what an identification wrote."""
+_OWN: Final = "identified"  # Beginning of the source of what an identification wrote
 _WRITTEN: Final = re.compile(
     r"com_[xyz]_mm|mass_kg|.*_um_per_kn|.*_urad_per_knm|dead_band_half_urad|friction_nm|slip_urad|speed_gain_nm_s|"
     r"position_gain_per_s|integral_time_ms|k[tra]c.*|kc11_n_mm2|k[ra]_over_kc|m[cra]"

@@ -25,8 +25,7 @@ from counterflex.runtime.record_ring import COLUMNS, CYCLE
 from counterflex.runtime.state_slots import LoopState
 
 _HEAD: Final = struct.Struct("<BQ")
-_TAIL: Final = _HEAD.size + 20 + len(MAGIC)
-"""Footer, and the magic at the end."""
+_TAIL: Final = _HEAD.size + 20 + len(MAGIC)  # Footer, and the magic at the end
 _MOST_BYTES: Final = 16 << 20
 
 

@@ -27,8 +27,7 @@ _AXIS: Final = re.compile(r"(?:pos|coord|p|pt|point)?([xyz])(?:\d|pos|coord|coor
 _UNIT_WORDS: Final = {"in": "inch", "inches": "inch", "inch": "inch", **{name: name for name in UNITS}}
 _CELLS: Final = re.compile(rb'"|[,;\t|][ ]*[,;\t|\n]|[nN]/[aA]|null|none|(?<![\w.])-+(?![\d.])')
 """What makes a block be read cell by cell: quotes, empty cells, words for a missing value."""
-_MARKS: Final = re.compile(rb"(?<![^\s,;|])\*+(?![^\s,;|])")
-"""Points that were not measured, as PolyWorks writes them."""
+_MARKS: Final = re.compile(rb"(?<![^\s,;|])\*+(?![^\s,;|])")  # Points that were not measured, as PolyWorks writes them
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,8 @@ from counterflex.core.arrays import Float
 from counterflex.programs.gcode.read.arc import Arc, ArcFault
 
 TOOL_ON_FORM: Final = "As CATIA writes it: INDIRV/i,j,k and TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,xe,ye,ze)"
-_SAME_M: Final = 2e-5
-"""Two points of a file are one within its rounding and a little more."""
-_HALF_RAD: Final = 1e-3
-"""Arcs this close to half a turn may stand with INTOF and without."""
+_SAME_M: Final = 2e-5  # Two points of a file are one within its rounding and a little more
+_HALF_RAD: Final = 1e-3  # Arcs this close to half a turn may stand with INTOF and without
 _DIRECTION_DIGITS: Final = 6
 
 

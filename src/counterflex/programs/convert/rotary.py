@@ -20,8 +20,7 @@ from counterflex.programs.rotary.machine import RotaryMachine
 from counterflex.programs.rotary.poses import RotaryWords, turned_path
 
 _STEP_M: Final = 1.0 * MM
-_LEVER_M: Final = 0.3
-"""A turn by 1 rad moves as much as this: the reach of a tool and its holder."""
+_LEVER_M: Final = 0.3  # A turn by 1 rad moves as much as this: the reach of a tool and its holder
 _STILL_M: Final = 1e-9
 
 

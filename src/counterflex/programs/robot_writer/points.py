@@ -24,10 +24,8 @@ BlockLines = Callable[[Block], Sequence[str]]
 """Lines of the robot's language for a block that is not (only) motion; empty for none."""
 
 _SPEED_STEP: Final = 0.02
-_CAUTION: Final = 0.8
-"""Of the feed at which the tolerance would just be held."""
-_BACK: Final = -0.5
-"""Cosine of the angle between two steps beyond which the path turns back: 120 degrees."""
+_CAUTION: Final = 0.8  # Of the feed at which the tolerance would just be held
+_BACK: Final = -0.5  # Cosine of the angle between two steps beyond which the path turns back: 120 degrees
 _MODAL_ONLY: Final = frozenset("GXYZABCIJKRPQLFN")
 _STOPS: Final = frozenset((0.0, 1.0, 60.0))
 

@@ -65,8 +65,7 @@ def test_page(
     return render("robot_test.html.j2", dict(figures), [], data=head, verdict=verdict, sections=sections)
 
 
-_DRAWN: Final = 0.06
-"""Largest deviation in the picture, as a share of the path's size."""
+_DRAWN: Final = 0.06  # Largest deviation in the picture, as a share of the path's size
 _POINTS: Final = 1500
 _CORNERS: Final = 4
 

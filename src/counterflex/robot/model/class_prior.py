@@ -65,8 +65,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM, URAD
 from counterflex.robot.model.description import Play, Servo
 
-_HAEHN_NM_PER_RAD: Final = (1.9e5, 6.7e4, 9.1e4)
-"""About x, y, z: Haehn2020 table 1, spindle and holder."""
+_HAEHN_NM_PER_RAD: Final = (1.9e5, 6.7e4, 9.1e4)  # About x, y, z: Haehn2020 table 1, spindle and holder
 _DENKENA_M_PER_N: Final = (0.125e-6, 0.137e-6)
 """Across the tool, at its tip: Denkena2015 table 1, without strain gauges."""
 _DENKENA_LEVER_M: Final = 0.25
@@ -96,8 +95,7 @@ EXPONENT: Final = (0.8, 0.2)
 PAYLOAD_KG: Final = (20.0, 1000.0)
 """Range in which a prior is given at all; published are 210 to 500 kg."""
 _INSIDE: Final = 0.9
-_WEIGHT_OF_MEAN: Final = 4.0
-"""Degrees of freedom that the mean variance of the axes counts beside that of one axis."""
+_WEIGHT_OF_MEAN: Final = 4.0  # Degrees of freedom that the mean variance of the axes counts beside that of one axis
 _NORMAL: Final = NormalDist().inv_cdf(0.5 + 0.5 * _INSIDE)
 
 FRICTION_NM: Final = (318.6, 420.7, 291.5, 93.6, 124.9, 87.7)

@@ -40,8 +40,7 @@ from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 
 LOADS: Final = (2, 8)
 """Fewest and most loads of one curve."""
-_SMALL: Final = 1e-6
-"""Share of the largest load of a curve below which a load is too small to divide by."""
+_SMALL: Final = 1e-6  # Share of the largest load of a curve below which a load is too small to divide by
 
 
 @dataclass(frozen=True)

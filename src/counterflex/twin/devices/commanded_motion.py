@@ -22,8 +22,7 @@ from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
 from counterflex.twin.plant.controller import CommandedReference, Controller
 
 _SAME_M = 1e-7
-_AHEAD = 250
-"""Cycles of the program that are looked through for the place of a guided tool: a second at 4 ms."""
+_AHEAD = 250  # Cycles of the program that are looked through for the place of a guided tool: a second at 4 ms
 
 
 @dataclass(frozen=True, eq=False)

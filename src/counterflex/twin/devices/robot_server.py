@@ -32,8 +32,7 @@ _AGAIN_S: Final = 0.05
 _MOST_REFUSED: Final = 200
 """Telegrams in a row to a port that is closed before the sensor program counts as gone; a controller's own time-out
 comes first."""
-_LONGEST_ALONE_S: Final = 15.0
-"""Lockstep: likewise, without an answer for so long."""
+_LONGEST_ALONE_S: Final = 15.0  # Lockstep: likewise, without an answer for so long
 _LATEST: Final = 0.5  # of a cycle: with less left for an answer, cycles are counted anew
 
 

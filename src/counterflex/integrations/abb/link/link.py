@@ -20,8 +20,7 @@ from counterflex.runtime.plausibility.axis_check import ABSENT, EXACT
 
 LARGEST_DATAGRAM: Final = 4096
 _WRAP: Final = 1 << 32
-_CADENCE: Final = 16
-"""Messages after which the cycle of the controller is known."""
+_CADENCE: Final = 16  # Messages after which the cycle of the controller is known
 
 
 class EgmLink:

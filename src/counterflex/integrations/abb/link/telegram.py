@@ -101,8 +101,7 @@ RAPID_RUNNING: Final = 2
 PATH_PERIOD_S: Final = 24.0 * MS
 LARGEST: Final = 1e6
 """Number of the robot's own force, N or N m, beyond which a message is damaged."""
-_UNIT: Final = 1e-3
-"""How far a quaternion may be from unit length."""
+_UNIT: Final = 1e-3  # How far a quaternion may be from unit length
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,7 @@ from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter
 
 _CONFIG: Final = re.compile(r"[NF] [UD] [TB], -?\d, -?\d, -?\d")
-_POSE: Final = "\0"
-"""Stands before the entry of /POS in a line until the lines of a file are numbered."""
+_POSE: Final = "\0"  # Stands before the entry of /POS in a line until the lines of a file are numbered
 
 
 @dataclass(frozen=True, kw_only=True)

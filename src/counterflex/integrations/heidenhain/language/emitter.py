@@ -18,8 +18,7 @@ from counterflex.programs.convert.steps import MachineFunction, Move
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Block, Word
 
-_MOST_DEG: Final = 5400.0
-"""Largest angle of CP (TNC 640, "Input format and unit of TNC functions")."""
+_MOST_DEG: Final = 5400.0  # Largest angle of CP (TNC 640, "Input format and unit of TNC functions")
 
 
 def signed(value: float, decimals: int = LIMITS.position_decimals) -> str:

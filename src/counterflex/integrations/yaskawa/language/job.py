@@ -41,8 +41,7 @@ from counterflex.robot.kinematics.inverse_seeds import branch_of
 _FLAT_M: Final = 1e-7
 _HALF_DEG: Final = 180.0
 _MOST_PIECES: Final = 12
-_WITHIN_M: Final = 0.9 * UM
-"""Largest distance of a written arc from the programmed one: positions are rounded to 1 um."""
+_WITHIN_M: Final = 0.9 * UM  # Largest distance of a written arc from the programmed one: positions are rounded to 1 um
 
 
 class InformEmitter(InformWords, RobotEmitter[InformSettings]):

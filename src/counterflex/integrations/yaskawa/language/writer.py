@@ -24,8 +24,7 @@ from counterflex.programs.robot_writer.writer import External, Poses, RobotSetti
 
 _POSE: Final = "\0"
 """Stands between an instruction and the entry of its position until the positions of a job are numbered."""
-_FLAG: Final = "\1"
-"""Stands between what an entry is under and its numbers."""
+_FLAG: Final = "\1"  # Stands between what an entry is under and its numbers
 PLAIN: Final = "1,0,0,0,0,0"
 """RCONF of a posture that nothing is known of: no flip, upper arm, front, no turns."""
 _UNUSED: Final = ",0" * 18

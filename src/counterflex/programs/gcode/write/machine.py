@@ -15,10 +15,8 @@ from counterflex.programs.machine_in_place import MachineInPlace
 from counterflex.programs.motion_rows import LEAST_FEED_CHANGE
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Program
 
-_MORE_DIGITS: Final = 1
-"""A rotary word has one decimal more than a length: 1e-5 deg moves the tip by 0.1 um at 0.6 m."""
-_VECTOR_DIGITS: Final = 3
-"""A component of the tool axis has three more: 1e-7 rad."""
+_MORE_DIGITS: Final = 1  # A rotary word has one decimal more than a length: 1e-5 deg moves the tip by 0.1 um at 0.6 m
+_VECTOR_DIGITS: Final = 3  # A component of the tool axis has three more: 1e-7 rad
 
 
 class TurnWords:

@@ -34,8 +34,7 @@ _MOST: Final = 200_000
 _DEEPEST: Final = 30
 _COMPUTED: Final = re.compile(r"-?\s*([A-Za-z]\w*)(?:\{[\w,]+\}|\.\w+)*(?:\s*[-+*/]\s*[\w.]+)?")
 """An argument that may be a number: a name, and what is added to it."""
-_LONGEST: Final = 8
-"""Statements of a machine function at most, for those whose numbers are computed."""
+_LONGEST: Final = 8  # Statements of a machine function at most, for those whose numbers are computed
 _ASSIGNMENT: Final = re.compile(r"([A-Za-z]\w*(?:\s*\{[^}]*\}|\s*\.\s*\w+)*)\s*:=", re.DOTALL)
 
 

@@ -20,8 +20,7 @@ from counterflex.programs.unknown import Unknown, known
 
 _MOST_PASSES: Final = 20_000
 """Passes of WHILE, LOOP, REPEAT and backward GOTO: 100 levels of 200 rows; a loop without end stops within seconds."""
-_MOST_COUNTED: Final = 1_000_000
-"""Passes of one FOR loop: more points than any part has."""
+_MOST_COUNTED: Final = 1_000_000  # Passes of one FOR loop: more points than any part has
 
 
 class KrlFlow(Routines):

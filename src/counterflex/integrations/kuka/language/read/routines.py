@@ -26,10 +26,8 @@ from counterflex.programs.program import Block as Executed
 from counterflex.programs.robot_text.execution import Execution
 from counterflex.programs.unknown import Unknown
 
-_MOST_STATEMENTS: Final = 2_000_000
-"""A program of 200 000 points executes 0.4 million statements."""
-_LARGEST: Final = 2.0**31
-"""Limit of an INT."""
+_MOST_STATEMENTS: Final = 2_000_000  # A program of 200 000 points executes 0.4 million statements
+_LARGEST: Final = 2.0**31  # Limit of an INT
 _DEEPEST: Final = 100
 """Calls within each other; KUKA's own limit of nested calls is lower (NEST_MAX of the interpreter)."""
 FLOW: Final = {

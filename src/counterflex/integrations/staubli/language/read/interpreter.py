@@ -35,8 +35,7 @@ __all__ = ["Val3Cell", "Val3Interpreter"]
 
 _MOST: Final = 100_000
 """Lines executed beyond ten times those written: a loop that never ends reaches it within seconds."""
-_MOST_IDLE: Final = 20_000
-"""Lines executed beyond those written without a motion between them."""
+_MOST_IDLE: Final = 20_000  # Lines executed beyond those written without a motion between them
 _DEEPEST: Final = 40
 _LEAST_M: Final = 1e-6
 _FOREVER: Final = re.compile(r"(?:while\s*\(?\s*true|until\s*\(?\s*false)\s*\)?")
