@@ -35,9 +35,8 @@ from counterflex.app.first_cut import first_cut
 from counterflex.app.inputs import Job, read_job, setting_of
 from counterflex.app.prediction_interval import foreseen
 from counterflex.app.proof import simulate
-from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import judge, reference_of
-from counterflex.app.proof.truth import truth_of
+from counterflex.app.proof.truth import exact_setting, truth_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM

@@ -38,8 +38,7 @@ from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import Job, read_job, setting_of
 from counterflex.app.prediction_interval import headline_text, with_intervals, worse_text
-from counterflex.app.proof.exact import exact_setting
-from counterflex.app.proof.truth import knowing, truth_of
+from counterflex.app.proof.truth import exact_setting, knowing, truth_of
 from counterflex.core import atomic
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell, read_cell

@@ -27,8 +27,7 @@ import numpy as np
 from counterflex.app import examples
 from counterflex.app.inputs import AS_IT_IS, read_job
 from counterflex.app.placement import operations_job, placement
-from counterflex.app.placement.frame import ProgramInCell
-from counterflex.app.placement.region import Wish
+from counterflex.app.placement.region import ProgramInCell, Wish
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.truth import truth_of

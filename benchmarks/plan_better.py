@@ -31,7 +31,7 @@ import numpy as np
 
 from counterflex.app import examples
 from counterflex.app.campaign import campaign
-from counterflex.app.compensation.feed_limits import limited_feed
+from counterflex.app.compensation.compensate import limited_feed
 from counterflex.app.compensation.languages import write
 from counterflex.app.inputs import Job, read_job, setting_of
 from counterflex.app.placement import placement

@@ -2,7 +2,7 @@
 
 One step of the plant, linearised with all slip elements stuck and the motors held, is a matrix; its spectral radius
 must be at most 1. Above it, friction elements oscillate from step to step with the force at which they slip, and a
-force sensor reads that. The plant divides its step where it must (``twin/plant/step_length.py``). Printed is into how
+force sensor reads that. The plant divides its step where it must (``twin/plant/mjcf.py``). Printed is into how
 many parts, and the largest radius over random postures, of the whole step and of the part used. Exit status 1 if that
 is above 1 anywhere.
 

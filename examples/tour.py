@@ -11,7 +11,7 @@ from counterflex.app.inputs import read_job, setting_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM, UM
 from counterflex.files.cell.cell import read_cell
-from counterflex.geometry import wrench
+from counterflex.geometry import pose
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.robot.elasticity import compliance, gravity
 
@@ -56,7 +56,7 @@ def main() -> None:
     show("its moment about the tip, N m", plan.w_tcp_part[row, 3:], 2)
 
     print("5 robot/      how far that bends the robot")
-    w_tcp_base = wrench.rotate(cell.T_base_part[:3, :3], plan.w_tcp_part[row])
+    w_tcp_base = pose.rotate_wrench(cell.T_base_part[:3, :3], plan.w_tcp_part[row])
     linear = compliance.deflection(cell.chain, q, w_tcp_base, nonlinear=False)[:3]
     finite = compliance.deflection(cell.chain, q, w_tcp_base)[:3]
     show("deflection, linear, base axes, um", linear / UM)

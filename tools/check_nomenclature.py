@@ -32,7 +32,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from counterflex.app.proof.truth import truth_of
-from counterflex.files import plan_file, run_file
+from counterflex.files import plan_file, summary_file
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.tables import CellTables
 from counterflex.files.dataset.manifest import Manifest
@@ -219,7 +219,7 @@ def file_keys() -> dict[str, set[str]]:
         "cell-file.md": cell_keys(),
         "datasets.md": cell_keys(Manifest) - set(PoseTable.model_fields) - {"format", "version"},
         "plan-file.md": {column.name for column in plan_file.LAYOUT},
-        "run-file.md": {column.name for column in run_file.LAYOUT},
+        "run-file.md": {column.name for column in summary_file.LAYOUT},
         "scenario-file.md": cell_keys(Scenario),
         "truth-file.md": truth_keys(to_dict(truth_of(read_cell(CELL), 1))),
     }

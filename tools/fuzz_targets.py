@@ -281,7 +281,7 @@ def egm_sensor(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of
 
 def scaling(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of it is compiled
     """The scaling document of a Net F/T."""
-    return _document(netft.write_scaling(1_000_000, 1_000_000, 1000, "Net F/T"), netft.read_scaling)
+    return _document(netft.write_scaling(1_000_000, 1_000_000, 1000, "Net F/T"), netft.Scaling.of)
 
 
 def rsi_config(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of it is compiled

@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from counterflex.app import examples
-from counterflex.app.proof.exact import best_lead, responses
-from counterflex.app.proof.truth import truth_of
+from counterflex.app.proof.truth import best_lead, responses, truth_of
 from counterflex.core.units import MM, MS
 from counterflex.files.cell.cell import read_cell
 from counterflex.path.toolpath import tool_orientation, tool_poses

@@ -41,20 +41,20 @@ _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kerne
 _COMMENTS = "whole-line comments in 1000 lines of code in `{}`"
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
-    "modules": 1234,
-    "lines": 218_142,
+    "modules": 1137,
+    "lines": 216_776,
     _BIG: 7,
-    _WIDE: 7,
+    _WIDE: 5,
     _PATHS: 0,
     _LONG: 0,
     _ARGUMENTS: 0,
     "nested functions": 0,
     "circles": 0,
-    "dataclasses that only carry data": 420,
+    "dataclasses that only carry data": 332,
     "class names used twice or more": 4,
-    "import lines": 15_248,
+    "import lines": 14_707,
     "module docstrings that begin with What, How, Which": 0,
-    "words in hand-written docs": 89_733,
+    "words in hand-written docs": 89_757,
     "links of docs/index.md": 25,
 }
 """What no change may pass: as it stood when it was last lowered."""

@@ -4,15 +4,18 @@ The laboratory takes them apart on both sides of the wire. It is the only place 
 their parts, and this module the only one of it.
 """
 
-from counterflex.integrations.abb.link.force import EgmForce as EgmForce
 from counterflex.integrations.abb.link.guidance_link import (
     EgmGuidanceLink as EgmGuidanceLink,
     GuidanceSettings as GuidanceSettings,
     Phase as Phase,
 )
-from counterflex.integrations.abb.link.link import LARGEST_DATAGRAM as LARGEST_MESSAGE, EgmLink as EgmLink
-from counterflex.integrations.abb.link.messages import MESSAGES as MESSAGES
+from counterflex.integrations.abb.link.link import (
+    LARGEST_DATAGRAM as LARGEST_MESSAGE,
+    EgmForce as EgmForce,
+    EgmLink as EgmLink,
+)
 from counterflex.integrations.abb.link.path_link import EgmPathLink as EgmPathLink
+from counterflex.integrations.abb.link.telegram import MESSAGES as MESSAGES
 from counterflex.integrations.abb.simulated import EgmContext as EgmContext, FakeEgm as FakeEgm
 from counterflex.integrations.ati.link import telegram as netft
 from counterflex.integrations.ati.link.link import NetftLink as NetftLink

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from counterflex.app.posture import posture_of
-from counterflex.cli.predicted import expected_text
+from counterflex.app.posture import PostureOf
+from counterflex.cli.output import expected_text
 from counterflex.files.cell.cell import read_cell
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -17,7 +17,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 def test_a_posture_says_median_and_range(surface: str) -> None:
     """The model's own figure lies within; with one surface alone nothing is said that was not counted."""
     cell = read_cell(EXAMPLES / "cells" / "kr300_d16_small.toml")
-    found = posture_of(EXAMPLES / "programs" / "groove.ngc", cell, surface=surface)  # type: ignore[arg-type]
+    found = PostureOf.of(EXAMPLES / "programs" / "groove.ngc", cell, surface=surface)  # type: ignore[arg-type]
     for name in ("present", "chosen"):
         row = found.summary[name]
         if surface == "wall":

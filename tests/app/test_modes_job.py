@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from counterflex.app import modes as job, tap_test
-from counterflex.app.cell_modes import modes_in
+from counterflex.app import cell_modes as job, cell_modes as tap_test
+from counterflex.app.cell_modes import PostureModes
 from counterflex.app.lowest_mode import estimate
 from counterflex.cli.main import whole
 from counterflex.core.errors import InputError
@@ -28,7 +28,7 @@ JOINTS = [0.0, -90.0, 110.0, 0.0, 40.0, 0.0]
 def test_tip_motions_add_up_to_the_compliance() -> None:
     """``sum_k a_k a_k'`` of all modes is the static compliance, and every frequency lies in its interval."""
     cell = read_cell(SMALL)
-    done = modes_in(cell, np.array(JOINTS) * DEG)
+    done = PostureModes.of(cell, np.array(JOINTS) * DEG)
     np.testing.assert_allclose(done.tip @ done.tip.T, cartesian_compliance(cell.chain, done.q), rtol=1e-6, atol=1e-12)
     for row in done.summary["modes"]:
         low, high = row["of_90_percent_hz"]

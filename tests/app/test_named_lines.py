@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from counterflex.app.named_lines import with_files
+from counterflex.app.robot_programs import with_files
 from counterflex.programs.difference import differences, summary
 from counterflex.programs.reading import read_program_file
 

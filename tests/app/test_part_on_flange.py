@@ -14,9 +14,8 @@ from counterflex.app import preflight
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import Job, read_job, setting_of
 from counterflex.app.proof import simulate
-from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import judge, reference_of
-from counterflex.app.proof.truth import truth_of
+from counterflex.app.proof.truth import exact_setting, truth_of
 from counterflex.app.robot_axes import axes_in
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import FileFormatError, InputError

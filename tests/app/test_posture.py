@@ -82,7 +82,7 @@ def test_a_part_out_of_reach_says_the_line_of_the_program(tmp_path: Path) -> Non
 def test_walls_and_floors_are_judged_by_their_own_deflection() -> None:
     cell = read_cell(CELL)
     both, wall, floor = (
-        posture.posture_of(GROOVE, cell, surface=surface).chosen.best.deflection_m
+        posture.PostureOf.of(GROOVE, cell, surface=surface).chosen.best.deflection_m
         for surface in ("both", "wall", "floor")
     )
     assert np.max(wall) <= np.max(both) * 1.2

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.inputs import setting_of
-from counterflex.app.posture import PostureOf, posture_of
+from counterflex.app.posture import PostureOf
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.plan.inputs import part_compliance
@@ -27,7 +27,7 @@ def cell() -> Cell:
 
 @pytest.fixture(scope="module")
 def chosen(cell: Cell) -> PostureOf:
-    return posture_of(EXAMPLES / "programs" / "groove.ngc", cell, freedom=Freedom(rotations=12))
+    return PostureOf.of(EXAMPLES / "programs" / "groove.ngc", cell, freedom=Freedom(rotations=12))
 
 
 def test_the_survey_has_the_cost_of_the_plan_and_its_angles(chosen: PostureOf) -> None:

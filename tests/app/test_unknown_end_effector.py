@@ -14,7 +14,7 @@ from counterflex.app.unknowns import DisplacementSource, sources
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import shares
-from counterflex.robot.model import end_effector_prior
+from counterflex.robot.model import class_prior
 
 FILE = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
 STATED = "rx_urad_per_knm = 5263.0\nry_urad_per_knm = 14925.0\nrz_urad_per_knm = 10989.0\n"
@@ -54,7 +54,7 @@ def test_the_spring_yields_as_that_of_the_chain(tmp_path: Path) -> None:
     (source,) = of_end_effector(unknown)
     assert source.displacements is not None
     body = unknown.chain.names.index("spindle")
-    k = end_effector_prior.drawn(1000, 1004)
+    k = class_prior.drawn(1000, 1004)
     compliance = np.array(unknown.chain.compliance)
     compliance[body] = [0.0, 0.0, 0.0, *[1.0 / k[0]] * 3]
     chain: ElasticChain = replace(unknown.chain, compliance=compliance)
@@ -63,6 +63,6 @@ def test_the_spring_yields_as_that_of_the_chain(tmp_path: Path) -> None:
 
 
 def test_the_prior_holds_what_is_published() -> None:
-    low, high = np.quantile(end_effector_prior.drawn(20_000, 1), [0.05, 0.95])
+    low, high = np.quantile(class_prior.drawn(20_000, 1), [0.05, 0.95])
     for published in (1.9e5, 6.7e4, 9.1e4, 0.25**2 / 0.131e-6):
         assert low < published < high

@@ -9,7 +9,7 @@ import pytest
 
 from counterflex.app.campaign import campaign
 from counterflex.app.compensation.compensate import compensate, run
-from counterflex.app.identification.recipe_settings import read_settings, starting_cell
+from counterflex.app.identification.cell_model import read_settings, starting_cell
 from counterflex.app.inputs import setting_of
 from counterflex.app.proof.prove import prove
 from counterflex.app.proof.truth import truth_of
@@ -23,7 +23,7 @@ from counterflex.identify.geometry.compliances import springs
 from counterflex.identify.recipe import Recipe
 from counterflex.identify.recipes import RECIPES
 from counterflex.robot.elasticity import compliance
-from counterflex.robot.elasticity.axis_springs import axis_deflections, rigid_axes
+from counterflex.robot.elasticity.chain import axis_deflections, rigid_axes
 from counterflex.robot.model.class_prior import arm_over_axis
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

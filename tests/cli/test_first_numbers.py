@@ -12,7 +12,7 @@ import pytest
 
 import counterflex.cli
 from counterflex.cli.main import parsed
-from counterflex.cli.predicted import EXPECTED_UM, MODEL, MODEL_UM
+from counterflex.cli.output import EXPECTED_UM, MODEL, MODEL_UM
 
 CELL: Final = Path(__file__).parents[1] / "data" / "cells" / "small.toml"
 PROGRAM: Final = "G21 G90 G17\nT1 M6\nM3 S13000\nG0 X-12 Y15 Z45\nG1 Z36 F3000\nG1 X72 F1500\nG0 Z45\nM2\n"
@@ -20,7 +20,7 @@ _BARE: Final = re.compile(r"(?:predicted |by the model |largest )?(?:error|defle
 
 
 def test_no_column_gives_a_predicted_length_without_saying_whose() -> None:
-    """Of every text in the commands: the model's own figures have one name, see ``cli/predicted.py``."""
+    """Of every text in the commands: the model's own figures have one name, see ``cli/output.py``."""
     found = [
         f"{file.name}:{node.lineno} {node.value}"
         for file in Path(counterflex.cli.__path__[0]).rglob("*.py")

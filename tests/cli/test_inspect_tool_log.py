@@ -18,7 +18,7 @@ from counterflex.core.arrays import Float
 from counterflex.files import parquet_table
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.run_log import RunLogWriter
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.files.tool_path_file import KIND, LAYOUT, VERSION, ToolPathRows
 from counterflex.geometry import pose, rotation
 from counterflex.runtime.record_ring import WIDTH, column
@@ -107,7 +107,7 @@ def test_the_path_of_a_simulated_part_is_judged_as_evaluate_judges_it(
 ) -> None:
     """The independent truth is the simulated cell: its tool's path, seen with noise by a tracker that stands aside."""
     run, _ = read_run(machined.folder / "run" / "run.parquet")
-    compared = judge.compare([machined.folder / "run"])
+    compared = judge.ProgramComparison.of([machined.folder / "run"])
     judged = compared.judged["nominal"]
     expected = judged.variant.path
     assert judged.surface is not None

@@ -13,8 +13,8 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.incidents import MOST_INCIDENTS, IncidentFinder
-from counterflex.files.logs.columns import headings, unit_of
 from counterflex.files.logs.run_log import RunLogWriter
+from counterflex.files.logs.segment import headings, unit_of
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
 from counterflex.runtime.state.supervisor import Cause, State

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from counterflex.cli.commands.log import INCOMPLETE, show_process
-from counterflex.cli.output import keep_folders, keep_inputs
-from counterflex.cli.predicted import expected_text
+from counterflex.cli.output import expected_text, keep_folders, keep_inputs
 from counterflex.core.errors import InputError
 
 ROBOT = "kuka_kr300_r2500_ultra"

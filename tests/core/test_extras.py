@@ -13,11 +13,11 @@ from typing import Any, Final
 import pytest
 
 import counterflex
-from counterflex.app.log_export.rerun import require_rerun
+from counterflex.app.log_export.job import require_rerun
 from counterflex.app.opcua import settings as opcua
 from counterflex.app.panel import settings as panel
 from counterflex.core.errors import CounterflexError
-from counterflex.files.certificate.schema_check import require_library
+from counterflex.files.certificate.document import require_library
 from counterflex.files.dataset import instrument_files
 from counterflex.files.scan import by_library
 from counterflex.integrations.beckhoff.link import link as ads
@@ -30,8 +30,8 @@ PLACES: Final[dict[str, str | tuple[str, ...]]] = {
     "starlette": ("app/panel/", "app/studio/"),
     "uvicorn": "app/panel/",
     "asyncua": "app/opcua/",
-    "rerun": "app/log_export/rerun.py",
-    "xmlschema": "files/certificate/schema_check.py",
+    "rerun": "app/log_export/job.py",
+    "xmlschema": "files/certificate/document.py",
     "nptdms": "files/dataset/instrument_files.py",
     "pye57": "files/scan/by_library.py",
     "laspy": "files/scan/by_library.py",
@@ -97,7 +97,7 @@ def test_without_any_extra_all_but_the_servers_can_be_imported() -> None:
 
 
 def _tdms(file: Path) -> None:
-    instrument_files._tdms(file, b"", None)
+    instrument_files.InstrumentColumns.of_tdms(file, b"", None)
 
 
 @pytest.mark.parametrize(

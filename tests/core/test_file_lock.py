@@ -11,7 +11,7 @@ import pytest
 
 from counterflex.core import held
 from counterflex.core.errors import OutputError
-from counterflex.core.file_lock import PATIENCE_S, alone
+from counterflex.core.held import PATIENCE_S, alone
 from counterflex.files.panel_users import PanelUsers, set_user
 
 SPAWN = multiprocessing.get_context("spawn")

@@ -14,7 +14,7 @@ from scipy.special import gamma
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import MM, N_PER_MM, UM
-from counterflex.cutting.arc_force import ArcCuts, mean_thickness, term_force
+from counterflex.cutting.arc_force import ArcCuts, TermForce, mean_thickness
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force import engagement_of_arc
@@ -39,7 +39,7 @@ def one(cutter: Cutter, depth: float, entry: float, leave: float, feed: float, d
 def force(cuts: ArcCuts, law: ForceLaw) -> Float:
     out = np.zeros((len(cuts), 3))
     for p, *k in law.terms():
-        out += term_force(cuts, float(p)).value @ np.array(k)
+        out += TermForce.of(cuts, float(p)).value @ np.array(k)
     return out
 
 
@@ -74,7 +74,7 @@ def test_any_arc_of_whole_bins_is_that_of_booked_engagement(
 def test_slot_has_berger_closed_form() -> None:
     m, k, depth, feed = 0.274, 776e6, 2 * MM, 30 * UM
     p = 1.0 - m
-    value = term_force(one(FLAT, depth, 0.0, math.pi, feed), p).value[0] * k * MM**m
+    value = TermForce.of(one(FLAT, depth, 0.0, math.pi, feed), p).value[0] * k * MM**m
     left = FLAT.flutes * depth / (2 * math.pi) * k * MM**m * feed**p
     left *= math.sqrt(math.pi) * gamma((3 - m) / 2) / gamma(2 - m / 2)
     assert value[1, 0] == pytest.approx(left, rel=1e-9)
@@ -90,7 +90,7 @@ def test_mean_over_the_single_teeth() -> None:
 @pytest.mark.parametrize("p", [0.1, 0.7, 1.0])
 def test_integrals_and_their_derivative_by_the_exponent_against_quadrature(p: float) -> None:
     entry, leave, depth, feed = 0.0, 2.2, 2 * MM, 40 * UM
-    found = term_force(one(FLAT, depth, entry, leave, feed), p)
+    found = TermForce.of(one(FLAT, depth, entry, leave, feed), p)
     unit = FLAT.flutes * depth / (2 * math.pi)
     fine: dict[str, Any] = {"epsabs": 0.0, "epsrel": 1e-11, "limit": 200}
     left = quad(lambda t: unit * (feed * math.sin(t)) ** p * math.sin(t), entry, leave, **fine)[0]
@@ -108,17 +108,17 @@ def test_integrals_and_their_derivative_by_the_exponent_against_quadrature(p: fl
 def test_derivatives_are_approached_with_the_square_of_the_step(cutter: Cutter) -> None:
     drop = 0.5 * UM if cutter.is_flat else 0.0
     base = (1.3 * MM, 0.4, 2.5, 30 * UM, drop)
-    found = term_force(one(cutter, *base), 0.72)
+    found = TermForce.of(one(cutter, *base), 0.72)
     for name, place, step in (("by_depth", 0, 0.05 * MM), ("by_entry", 1, 0.05), ("by_exit", 2, 0.05)):
         errors = []
         for h in (step, 0.5 * step):
             up, down = list(base), list(base)
             up[place] += h
             down[place] -= h
-            change = term_force(one(cutter, *up), 0.72).value - term_force(one(cutter, *down), 0.72).value
+            change = TermForce.of(one(cutter, *up), 0.72).value - TermForce.of(one(cutter, *down), 0.72).value
             errors.append(float(np.max(np.abs(change / (2 * h) - getattr(found, name)))))
         assert errors[1] < 0.3 * errors[0] or errors[1] < 1e-7 * float(np.max(np.abs(getattr(found, name)))), name
-    change = term_force(one(cutter, *base), 0.7201).value - term_force(one(cutter, *base), 0.7199).value
+    change = TermForce.of(one(cutter, *base), 0.7201).value - TermForce.of(one(cutter, *base), 0.7199).value
     np.testing.assert_allclose(change / 2e-4, found.by_exponent, rtol=2e-6, atol=1e-7 * np.abs(change).max() / 2e-4)
 
 
@@ -148,4 +148,4 @@ def test_refuses_what_it_cannot_do() -> None:
     with pytest.raises(ModelError, match="rounded cutter"):
         one(BALL, MM, 0.0, 1.0, UM, UM)
     with pytest.raises(InputError, match="exponent"):
-        term_force(one(FLAT, MM, 0.0, 1.0, UM), -0.1)
+        TermForce.of(one(FLAT, MM, 0.0, 1.0, UM), -0.1)

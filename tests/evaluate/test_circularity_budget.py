@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.error_budget import REMAINDER, error_budget
-from counterflex.evaluate.iso230.circularity import circularity
+from counterflex.evaluate.iso230.circular_test import Circularity
 
 ANGLE: Float = np.linspace(0.0, 2 * np.pi, 721)
 
@@ -20,7 +20,7 @@ def circle(radius: Float | float, centre: tuple[float, float] = (0.0, 0.0)) -> F
 
 
 def test_shifted_circle_is_round_but_not_in_place() -> None:
-    found = circularity(circle(0.15, (3e-4, -4e-4)), np.zeros(2), 0.15)
+    found = Circularity.of(circle(0.15, (3e-4, -4e-4)), np.zeros(2), 0.15)
     assert found.g_m == pytest.approx(0.0, abs=1e-10)
     assert found.centre_offset_m == pytest.approx((3e-4, -4e-4), abs=1e-9)
     assert found.f_max_m == pytest.approx(5e-4, rel=1e-3)
@@ -28,7 +28,7 @@ def test_shifted_circle_is_round_but_not_in_place() -> None:
 
 
 def test_oval_has_twice_its_amplitude() -> None:
-    found = circularity(circle(0.15 + 1e-4 * np.cos(2 * ANGLE), (1e-3, 0.0)), np.zeros(2), 0.15)
+    found = Circularity.of(circle(0.15 + 1e-4 * np.cos(2 * ANGLE), (1e-3, 0.0)), np.zeros(2), 0.15)
     assert found.g_m == pytest.approx(2e-4, rel=1e-4)
     assert found.radius_m == pytest.approx(0.15, abs=1e-8)
 
@@ -38,7 +38,7 @@ def test_oval_has_twice_its_amplitude() -> None:
 def test_minimum_zone_is_never_wider_than_about_any_other_centre(ripple: list[float], shift: float) -> None:
     radius = 0.1 + np.interp(ANGLE, np.linspace(0, 2 * np.pi, 25), [*ripple, ripple[0]])
     points = circle(radius)
-    found = circularity(points, np.array([shift, 0.0]), 0.1)
+    found = Circularity.of(points, np.array([shift, 0.0]), 0.1)
     about = np.linalg.norm(points, axis=1)
     assert found.g_m <= about.max() - about.min() + 1e-9
     assert found.f_max_m - found.f_min_m >= found.g_m - 1e-12
@@ -46,11 +46,11 @@ def test_minimum_zone_is_never_wider_than_about_any_other_centre(ripple: list[fl
 
 def test_hopeless_circles_are_refused() -> None:
     with pytest.raises(InputError, match="four points"):
-        circularity(circle(0.1)[:3], np.zeros(2), 0.1)
+        Circularity.of(circle(0.1)[:3], np.zeros(2), 0.1)
     with pytest.raises(InputError, match="too short"):
-        circularity(circle(0.1)[:100], np.zeros(2), 0.1)
+        Circularity.of(circle(0.1)[:100], np.zeros(2), 0.1)
     with pytest.raises(InputError, match="near the centre"):
-        circularity(circle(0.1), np.array([0.1, 0.0]), 0.1)
+        Circularity.of(circle(0.1), np.array([0.1, 0.0]), 0.1)
 
 
 def test_shares_and_means_add_up() -> None:

@@ -16,9 +16,9 @@ from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.error_budget import error_budget
 from counterflex.evaluate.features import FeatureRow
-from counterflex.evaluate.figures import reduction, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures, reduction
 from counterflex.evaluate.incidents import IncidentFinder
-from counterflex.evaluate.loop_timing import LatencyHistogram, percentiles
+from counterflex.evaluate.loop_timing import LatencyHistogram, Percentiles
 from counterflex.evaluate.measured_values import flatness, values_row
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.evaluate.path_deviation import entry_exit
@@ -45,7 +45,7 @@ def test_figures_do_not_see_how_a_path_is_divided(rows: list[tuple[float, float]
     at %= len(d)
     weights = np.insert(w, at, share * w[at])
     weights[at + 1] *= 1.0 - share
-    whole, divided = weighted_figures(d, w), weighted_figures(np.insert(d, at, d[at]), weights)
+    whole, divided = DeviationFigures.weighted(d, w), DeviationFigures.weighted(np.insert(d, at, d[at]), weights)
     assert values(divided) == pytest.approx(values(whole), rel=1e-9, abs=1e-18)
 
 
@@ -53,15 +53,15 @@ def test_figures_do_not_see_how_a_path_is_divided(rows: list[tuple[float, float]
 def test_rows_without_length_count_for_nothing(rows: list[tuple[float, float]], at: int) -> None:
     d, w = np.array(rows).T
     at %= len(d) + 1
-    with_point = weighted_figures(np.insert(d, at, 1.0), np.insert(w, at, 0.0))
-    assert values(with_point) == pytest.approx(values(weighted_figures(d, w)), rel=1e-12)
+    with_point = DeviationFigures.weighted(np.insert(d, at, 1.0), np.insert(w, at, 0.0))
+    assert values(with_point) == pytest.approx(values(DeviationFigures.weighted(d, w)), rel=1e-12)
 
 
 @given(rows_of_path, st.floats(0.1, 10.0), seed)
 def test_figures_follow_size_not_sign_nor_order(rows: list[tuple[float, float]], factor: float, number: int) -> None:
     d, w = np.array(rows).T
     order = np.random.default_rng(number).permutation(len(d))
-    whole, other = weighted_figures(d, w), weighted_figures(-factor * d[order], w[order])
+    whole, other = DeviationFigures.weighted(d, w), DeviationFigures.weighted(-factor * d[order], w[order])
     assert values(other)[:3] == pytest.approx([factor * v for v in values(whole)[:3]], rel=1e-9, abs=1e-18)
     assert whole.rms_m**2 * whole.extent == pytest.approx(float(np.sum(w * d**2)), rel=1e-9, abs=1e-30)
     assert whole.max_m >= whole.p997_m
@@ -171,7 +171,7 @@ def test_a_counted_percentile_is_at_most_a_hundredth_above_the_sorted_one(times:
 
 
 def test_lost_replies_are_late_in_every_percentile() -> None:
-    found = percentiles(np.array([1.0, 2.0, np.nan, np.nan]))
+    found = Percentiles.of(np.array([1.0, 2.0, np.nan, np.nan]))
     assert (found.p50_s, found.p99_s, found.max_s, found.n) == (2.0, math.inf, math.inf, 4)
 
 
@@ -354,4 +354,4 @@ def test_curves_do_not_depend_on_how_a_log_is_cut_into_segments(cuts: list[int],
 
 
 def test_a_micrometre_is_seen() -> None:
-    assert values(weighted_figures(np.array([UM, -2.0 * UM]), np.array([1.0, 3.0])))[0] == 2.0 * UM
+    assert values(DeviationFigures.weighted(np.array([UM, -2.0 * UM]), np.array([1.0, 3.0])))[0] == 2.0 * UM

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as arrays
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MS
-from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, SHARE, LoopSamples, TimingVerdict, judge, percentiles
+from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, SHARE, LoopSamples, Percentiles, TimingVerdict, judge
 
 N = 2500
 PERIOD = 4.0 * MS
@@ -40,7 +40,7 @@ def spikes(count: int, height: float) -> Float:
 
 @given(arrays.arrays(np.float64, st.integers(1, 3000), elements=st.floats(0.0, 1.0)))
 def test_percentiles_are_values_that_were_met(values: Float) -> None:
-    found = percentiles(values)
+    found = Percentiles.of(values)
     for share, value in ((0.5, found.p50_s), (0.99, found.p99_s), (0.999, found.p999_s), (1.0, found.max_s)):
         assert value in values
         assert np.mean(values <= value) >= share - 1e-9
@@ -49,11 +49,11 @@ def test_percentiles_are_values_that_were_met(values: Float) -> None:
 
 
 def test_percentiles_of_known_values() -> None:
-    found = percentiles(np.arange(1, 1001, dtype=float))
+    found = Percentiles.of(np.arange(1, 1001, dtype=float))
     assert (found.p50_s, found.p99_s, found.p999_s, found.max_s) == (500.0, 990.0, 999.0, 1000.0)
-    assert percentiles(np.array([3.0, np.nan])).max_s == np.inf
+    assert Percentiles.of(np.array([3.0, np.nan])).max_s == np.inf
     with pytest.raises(InputError):
-        percentiles(np.zeros(0))
+        Percentiles.of(np.zeros(0))
 
 
 def test_a_good_machine_fits() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, path_figures
+from counterflex.evaluate.path_deviation import PathDeviation, PathFigures, path_deviation
 from counterflex.path import FEED, RAPID, ToolPath
 
 FEED_M_S = 0.025
@@ -57,7 +57,7 @@ def test_straight_line_offset_is_across_exactly(offset: list[float], left: float
     time, p = travel(LINE)
     found = run(LINE, p + offset, time)
     size = float(np.linalg.norm(offset))
-    figures = path_figures(found)
+    figures = PathFigures.of(found)
     for value in (figures.path.max_m, figures.path.p997_m, figures.path.rms_m, figures.entry.max_m, figures.exit.max_m):
         assert value == pytest.approx(size, abs=1e-15)
     np.testing.assert_allclose(found.across_left_m, left, atol=1e-15)
@@ -75,7 +75,7 @@ def test_following_lag_is_along_only() -> None:
     time, p = travel(LINE)
     lag_s = 0.02
     found = run(LINE, p[time <= time[-1] - lag_s], time[time <= time[-1] - lag_s] + lag_s)
-    assert path_figures(found).path.max_m < 1e-15
+    assert PathFigures.of(found).path.max_m < 1e-15
     np.testing.assert_allclose(found.along_m, -lag_s * FEED_M_S, atol=1e-12)
 
 
@@ -95,7 +95,7 @@ def test_circle_with_a_radius_error() -> None:
     angle = np.linspace(0.0, 2.0 * np.pi, 20001)
     circle = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
     found = run(0.03 * circle, 0.0302 * circle)
-    figures = path_figures(found)
+    figures = PathFigures.of(found)
     assert figures.path.max_m == pytest.approx(2e-4, abs=2e-9)
     assert figures.path.rms_m == pytest.approx(2e-4, abs=2e-9)
     assert figures.path.extent == pytest.approx(2 * np.pi * 0.0302, rel=1e-3)
@@ -110,7 +110,7 @@ def test_rounded_corner_is_measured_to_the_nearer_leg() -> None:
     _, actual = travel(np.vstack([nominal[:1], arc, nominal[2:]]))
     exact = r * (1.0 - np.cos(np.pi / 4))
     for spacing in (1e-4, 1e-5):  # stations miss the peak by at most half their spacing, at 45 deg
-        found = path_figures(run(nominal, actual, spacing_m=spacing)).path.max_m
+        found = PathFigures.of(run(nominal, actual, spacing_m=spacing)).path.max_m
         assert exact - 0.5 * spacing * np.sin(np.pi / 4) - 1e-7 < found < exact + 1e-9
 
 
@@ -120,7 +120,7 @@ def test_overshoot_of_a_corner_counts_as_path_error() -> None:
     _, actual = travel(
         np.array([[0.0, 0, 0], [0.05 + over, 0, 0], [0.05 + over, 1e-3, 0], [0.05, 1e-3, 0], [0.05, 0.05, 0]])
     )
-    assert path_figures(run(nominal, actual)).path.max_m == pytest.approx(over, abs=2e-6)
+    assert PathFigures.of(run(nominal, actual)).path.max_m == pytest.approx(over, abs=2e-6)
 
 
 def test_self_crossing_path_stays_on_its_own_pass() -> None:
@@ -130,7 +130,7 @@ def test_self_crossing_path_stays_on_its_own_pass() -> None:
     found = run(nominal, actual)
     assert np.all(np.diff(found.length_m) >= 0.0)
     assert found.length_m[-1] == pytest.approx(0.18, abs=1e-3)
-    assert path_figures(found).path.max_m <= np.hypot(2e-4, 2e-4) + 1e-12
+    assert PathFigures.of(found).path.max_m <= np.hypot(2e-4, 2e-4) + 1e-12
     crossing = np.abs(found.p_part_actual[:, 0] - 2e-4) < 5e-4
     late = crossing & (found.length_m > 0.121)
     np.testing.assert_allclose(found.p_part_nominal[late][:, 0], 0.0, atol=1e-12)
@@ -153,7 +153,7 @@ def test_stop_and_go_and_vibration_along_weigh_nothing() -> None:
     dwell = np.repeat(p[stop : stop + 1], 5000, axis=0)
     dwell[:, 0] += 1e-5 * np.sin(np.arange(5000) * 0.3)
     with_stop = np.vstack([p[:stop], dwell, p[stop:]])
-    a, b = path_figures(run(LINE, p)), path_figures(run(LINE, with_stop))
+    a, b = PathFigures.of(run(LINE, p)), PathFigures.of(run(LINE, with_stop))
     assert b.path.rms_m == pytest.approx(a.path.rms_m, rel=2e-3)
     assert b.path.extent == pytest.approx(a.path.extent, rel=2e-3)
 
@@ -165,7 +165,7 @@ def test_p997_is_by_length_not_by_time(bad_m: float, p997_m: float, repeats: int
     x = np.linspace(0.0, 1.0, 50_001)
     samples = np.stack([x, np.where(x < bad_m, 1e-3, 1e-4), 0 * x], axis=1)
     slow = np.vstack([np.repeat(samples[x < bad_m], repeats, axis=0), samples[x >= bad_m]])
-    figures = path_figures(run(nominal, slow))
+    figures = PathFigures.of(run(nominal, slow))
     assert figures.path.max_m == pytest.approx(1e-3, abs=1e-12)
     assert figures.path.p997_m == pytest.approx(p997_m, abs=1e-12)  # 0.3 % of 1 m is 3 mm
 
@@ -206,7 +206,7 @@ def test_a_link_move_above_a_later_cut_is_not_taken_for_it() -> None:
     found = path_deviation(
         tool_path(nominal, kinds), np.linspace(0.0, 1.0, len(actual)), actual, np.concatenate(contact), RADIUS
     )
-    figures = path_figures(found)
+    figures = PathFigures.of(found)
     assert figures.path.max_m == pytest.approx(8e-4, abs=1e-9)
     assert figures.path.extent == pytest.approx(4 * 0.06, rel=0.01)
     assert set(np.round(found.p_part_nominal[found.cutting][:, 1], 9).tolist()) == {0.0, 0.01, 0.02, 0.03}
@@ -224,7 +224,7 @@ def test_retract_while_still_touching_is_not_taken_for_the_cut() -> None:
         p[:, 2] < 0.01,  # the cutter still scrapes half way up
         RADIUS,
     )
-    figures = path_figures(found)
+    figures = PathFigures.of(found)
     assert figures.path.max_m == pytest.approx(3e-4, abs=1e-9)
     assert figures.path.extent == pytest.approx(0.05, abs=1e-3)
 
@@ -244,7 +244,7 @@ def test_entry_and_exit_are_part_of_the_whole_and_at_least_a_radius_long() -> No
     contact = (p[:, 0] > 0.02) & (p[:, 0] < 0.08)
     y = np.where(p[:, 0] > 0.075, 5e-4, np.where(p[:, 0] < 0.021, 3e-4, 1e-4))
     found = path_deviation(tool_path(LINE), time, p + np.stack([0 * y, y, 0 * y], axis=1), contact, RADIUS)
-    figures = path_figures(found)
+    figures = PathFigures.of(found)
     assert figures.path.max_m == pytest.approx(5e-4)
     assert figures.exit.max_m == pytest.approx(5e-4)
     assert figures.entry.max_m == pytest.approx(3e-4)
@@ -271,7 +271,7 @@ def test_entry_lasts_until_the_engagement_has_reached_its_plateau() -> None:
     time, p = travel(LINE)
     area = np.interp(p[:, 0], [0.02, 0.036, 0.06, 0.08], [0.0, 1.0, 1.0, 0.0], left=0.0, right=0.0)
     found = path_deviation(tool_path(LINE), time, p, area, RADIUS)
-    figures = path_figures(found)
+    figures = PathFigures.of(found)
     assert figures.entry.extent == pytest.approx(0.95 * 16e-3, abs=3e-4)
     assert figures.exit.extent > 1.9 * RADIUS
 
@@ -286,9 +286,9 @@ def test_any_path_followed_exactly_has_no_deviation(corners: list[tuple[int, int
     if np.any(np.linalg.norm(np.diff(nominal, axis=0), axis=1) < 1e-3):
         nominal = np.cumsum(np.abs(nominal) + 1e-3, axis=0)
     _, p = travel(nominal, 5e-5)
-    exact = path_figures(run(nominal, p))
+    exact = PathFigures.of(run(nominal, p))
     assert exact.path.max_m <= 5.1e-5  # stations are chords of 0.1 mm: a corner is cut by less than half of one
-    moved = path_figures(run(nominal, p + np.array([0.0, 0.0, shift])))
+    moved = PathFigures.of(run(nominal, p + np.array([0.0, 0.0, shift])))
     assert moved.path.max_m <= abs(shift) + 5.1e-5
 
 

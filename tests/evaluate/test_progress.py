@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.evaluate.path_deviation import path_deviation, path_figures
+from counterflex.evaluate.path_deviation import PathFigures, path_deviation
 from counterflex.path import FEED, ToolPath
 
 
@@ -36,8 +36,8 @@ def test_progress_leaves_a_simple_path_as_it_was() -> None:
     line = np.stack([x, 0.0 * x, 0.0 * x], axis=1)
     nominal = _path(line)
     actual = line + np.array([0.0, 2e-4, 0.0])
-    plain = path_figures(path_deviation(nominal, nominal.time_s, actual, np.ones(501, dtype=bool), 1e-3))
-    told = path_figures(
+    plain = PathFigures.of(path_deviation(nominal, nominal.time_s, actual, np.ones(501, dtype=bool), 1e-3))
+    told = PathFigures.of(
         path_deviation(
             nominal, nominal.time_s, actual, np.ones(501, dtype=bool), 1e-3, progress=np.linspace(0.0, 1.0, 501)
         )

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.evaluate.figures import DeviationFigures, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures
 from counterflex.evaluate.path_deviation import PathFigures
 from counterflex.evaluate.summary import SeedResult, Variant, check_summary, seed_rows, summary, table_rows
 
@@ -85,8 +85,8 @@ def test_quantile_is_a_value_that_was_met() -> None:
     import numpy as np
 
     value = np.array([3.0, 1.0, 2.0])
-    assert weighted_figures(value, np.array([0.003, 0.5, 0.497])).p997_m == 2.0
-    assert weighted_figures(value, np.array([0.004, 0.5, 0.496])).p997_m == 3.0
-    assert weighted_figures(np.zeros(0)).extent == 0.0
+    assert DeviationFigures.weighted(value, np.array([0.003, 0.5, 0.497])).p997_m == 2.0
+    assert DeviationFigures.weighted(value, np.array([0.004, 0.5, 0.496])).p997_m == 3.0
+    assert DeviationFigures.weighted(np.zeros(0)).extent == 0.0
     with pytest.raises(InputError):
-        weighted_figures(value, -np.ones(3))
+        DeviationFigures.weighted(value, -np.ones(3))

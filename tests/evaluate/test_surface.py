@@ -13,7 +13,7 @@ from counterflex.core.errors import InputError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import remove_path
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.surface import nominal_surface, surface_deviation
+from counterflex.evaluate.surface import SurfaceDeviation, nominal_surface
 from counterflex.evaluate.swept_section import swept_section
 from counterflex.path import FEED
 
@@ -57,7 +57,7 @@ GROOVE = np.array([[-0.012, 0.025, -0.004], [0.092, 0.025, -0.004]])
 def test_wall_shift_is_recovered_below_the_cell(shift: float) -> None:
     surface = nominal_surface(blank(), milled(GROOVE), GROOVE, CUTTER)
     moved = GROOVE + np.array([0.0, shift, 0.0])
-    found = surface_deviation(surface, milled(moved), moved)
+    found = SurfaceDeviation.of(surface, milled(moved), moved)
     left = surface.wall_normal[:, 1] > 0.5
     np.testing.assert_allclose(found.wall_m[left], -shift, atol=1e-9)  # shifted into the left wall: too much removed
     np.testing.assert_allclose(found.wall_m[~left], shift, atol=1e-9)
@@ -74,7 +74,7 @@ def test_wall_shift_below_a_face_of_the_blank_that_lies_lower_than_nominal() -> 
     actual = milled(moved)
     actual.z = np.minimum(actual.z, TOP - 40e-6).astype(np.float32)  # touched off a little too high
     actual.refresh()
-    found = surface_deviation(surface, actual, moved)
+    found = SurfaceDeviation.of(surface, actual, moved)
     right = surface.wall_normal[:, 1] < -0.5
     np.testing.assert_allclose(found.wall_m[right], 1.4e-3, atol=1e-9)  # not the 0.36 mm up to the untouched face
 
@@ -83,7 +83,7 @@ def test_wall_shift_below_a_face_of_the_blank_that_lies_lower_than_nominal() -> 
 def test_floor_shift_is_exact_and_positive_where_material_is_left(dz: float) -> None:
     surface = nominal_surface(blank(), milled(GROOVE), GROOVE, CUTTER)
     moved = GROOVE + np.array([0.0, 0.0, dz])
-    found = surface_deviation(surface, milled(moved), moved)
+    found = SurfaceDeviation.of(surface, milled(moved), moved)
     values = found.floor_m[~np.isnan(found.floor_m)]
     np.testing.assert_allclose(values, dz, atol=1e-9)
     assert len(values) * CELL**2 == pytest.approx(0.08 * (0.016 - 2 * CELL), rel=0.01)
@@ -95,7 +95,7 @@ def test_sloped_floor_is_measured_along_its_normal() -> None:
     ramp = np.array([[-0.02, 0.025, -0.001], [0.1, 0.025, -0.001 - slope * 0.12]])
     surface = nominal_surface(blank(), milled(ramp), ramp, CUTTER)
     moved = ramp + np.array([0.0, 0.0, 2e-4])
-    found = surface_deviation(surface, milled(moved), moved)
+    found = SurfaceDeviation.of(surface, milled(moved), moved)
     centre = found.floor_m[found.floor_m.shape[0] // 2, 150:250]
     np.testing.assert_allclose(centre, 2e-4 / np.sqrt(1 + slope**2), rtol=2e-4)
 
@@ -107,7 +107,7 @@ def test_circular_wall_grown_by_a_radius() -> None:
     nominal, actual = centre + 0.010 * circle, centre + 0.01015 * circle
     surface = nominal_surface(blank(), milled(nominal[::8]), nominal, CUTTER)
     outer = np.linalg.norm(surface.wall_point[:, :2] - centre[:2], axis=1) > 0.017
-    found = surface_deviation(surface, milled(actual[::8]), actual)
+    found = SurfaceDeviation.of(surface, milled(actual[::8]), actual)
     np.testing.assert_allclose(found.wall_m[outer], -0.15e-3, atol=1e-6)
     np.testing.assert_allclose(found.wall_m[~outer], -0.0 + 0.15e-3, atol=1e-6)  # the island grew with it
 
@@ -176,6 +176,6 @@ def test_shallow_ramp_left_too_high_counts_its_height_not_the_distance_to_the_wa
         maps.append(stock)
     blank = HeightMap.from_box((-10e-3, -8e-3, -5e-3), (30e-3, 8e-3, 0.0), 1e-4)
     dense = np.linspace(high[0], high[1], 3001)
-    found = surface_deviation(nominal_surface(blank, maps[0], path, cutter), maps[1], dense)
+    found = SurfaceDeviation.of(nominal_surface(blank, maps[0], path, cutter), maps[1], dense)
     assert found.wall.max_m < 3e-4
     assert found.floor.max_m == pytest.approx(5e-5, rel=0.05)

@@ -18,8 +18,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable
 from counterflex.files.cell.update import check_update, updated_text
 from counterflex.identify.data.changes import Change, ElementCompliance, ElementRegion
-from counterflex.robot.model.compliance_curve import ComplianceCurve
-from counterflex.robot.model.description import ElasticRegion
+from counterflex.robot.model.description import ComplianceCurve, ElasticRegion
 
 CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
 ROW = {

@@ -15,9 +15,8 @@ from hypothesis import given, strategies as st
 
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.summary import FORMAT, VERSION as SUMMARY_VERSION
-from counterflex.files.run_file import AXIS, KIND, LAYOUT, VERSION, read_run, write_run
-from counterflex.files.summary_file import read_summary, write_summary
-from counterflex.path.run import Run
+from counterflex.files.summary_file import AXIS, KIND, LAYOUT, VERSION, read_run, read_summary, write_run, write_summary
+from counterflex.path.toolpath import Run
 
 COLUMNS = LAYOUT + AXIS
 

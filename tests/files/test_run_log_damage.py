@@ -326,6 +326,6 @@ def test_a_segment_without_records_in_between_does_not_part_a_run(
 
 def test_another_program_s_columns_are_still_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write(tmp_path)
-    monkeypatch.setattr("counterflex.files.logs.columns.COLUMNS", (*COLUMNS[:-1], "other"))
+    monkeypatch.setattr("counterflex.files.logs.segment.COLUMNS", (*COLUMNS[:-1], "other"))
     with pytest.raises(FileFormatError, match="columns mean something else"):
         read_segment(tmp_path / "run-000.mcap")

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.geometry import pose, rotation, wrench
+from counterflex.geometry import pose, rotation
 from counterflex.geometry.circle import angle_to, circle, turned
-from counterflex.geometry.rotation_derivative import inverse_left_jacobian, left_jacobian
+from counterflex.geometry.rotation import inverse_left_jacobian, left_jacobian
 from twists import adjoint
 
 seeds = st.integers(0, 2**32 - 1)
@@ -91,13 +91,13 @@ def test_wrench_carries_with_unchanged_power_and_against_the_adjoint(seed: int) 
     rng = np.random.default_rng(seed + 2)  # another seed than the pose's: a force along its axis would not be turned
     T_a_b = _pose(seed)
     w_b, twist_b = rng.normal(size=6), rng.normal(size=6)
-    w_a, twist_a = wrench.carry(T_a_b, w_b), adjoint(T_a_b) @ twist_b
+    w_a, twist_a = pose.carry_wrench(T_a_b, w_b), adjoint(T_a_b) @ twist_b
     assert w_a @ twist_a == pytest.approx(w_b @ twist_b, rel=1e-12, abs=1e-12)
     np.testing.assert_allclose(w_a, np.linalg.inv(adjoint(T_a_b)).T @ w_b, atol=1e-12)
 
 
 def test_force_beside_the_point_makes_a_moment() -> None:
-    w = wrench.shift(np.array([0.0, 100.0, 0.0, 0.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    w = pose.shift_wrench(np.array([0.0, 100.0, 0.0, 0.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
     np.testing.assert_allclose(w, [0, 100, 0, 0, 0, 100])
 
 
@@ -170,9 +170,9 @@ def test_registration_refuses_points_on_a_line() -> None:
 
 def test_the_fast_cross_product_is_numpys_bit_for_bit() -> None:
     a, b = np.random.default_rng(8).standard_normal((2, 200, 3))
-    np.testing.assert_array_equal(wrench.cross(a, b), np.cross(a, b))
-    np.testing.assert_array_equal([wrench.cross(x, y) for x, y in zip(a, b, strict=True)], np.cross(a, b))
-    np.testing.assert_array_equal(wrench.cross(a[0], b), np.cross(a[0], b))
+    np.testing.assert_array_equal(pose.cross(a, b), np.cross(a, b))
+    np.testing.assert_array_equal([pose.cross(x, y) for x, y in zip(a, b, strict=True)], np.cross(a, b))
+    np.testing.assert_array_equal(pose.cross(a[0], b), np.cross(a[0], b))
 
 
 @given(seeds)
@@ -182,8 +182,12 @@ def test_a_batch_of_wrenches_is_moved_as_each_of_them(seed: int) -> None:
     w, lever = rng.normal(size=(4, 6)), rng.normal(size=(4, 3))
     T = pose.make(rotation.exp(rng.normal(size=(4, 3))), rng.normal(size=(4, 3)))
     for k in range(4):
-        np.testing.assert_allclose(wrench.shift(w, lever)[k], wrench.shift(w[k], lever[k]), atol=1e-12)
-        np.testing.assert_allclose(wrench.carry(T, w)[k], wrench.carry(T[k], w[k]), atol=1e-12)
-        np.testing.assert_allclose(wrench.rotate(T[:, :3, :3], w)[k], wrench.rotate(T[k, :3, :3], w[k]), atol=1e-12)
+        np.testing.assert_allclose(pose.shift_wrench(w, lever)[k], pose.shift_wrench(w[k], lever[k]), atol=1e-12)
+        np.testing.assert_allclose(pose.carry_wrench(T, w)[k], pose.carry_wrench(T[k], w[k]), atol=1e-12)
+        np.testing.assert_allclose(
+            pose.rotate_wrench(T[:, :3, :3], w)[k],
+            pose.rotate_wrench(T[k, :3, :3], w[k]),
+            atol=1e-12,
+        )
         np.testing.assert_allclose(pose.difference(T, T[::-1])[k], pose.difference(T[k], T[3 - k]), atol=1e-12)
-        np.testing.assert_allclose(wrench.shift(wrench.shift(w, lever), -lever)[k], w[k], atol=1e-12)
+        np.testing.assert_allclose(pose.shift_wrench(pose.shift_wrench(w, lever), -lever)[k], w[k], atol=1e-12)

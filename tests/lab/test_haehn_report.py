@@ -14,8 +14,8 @@ from counterflex.app.inputs import read_job
 from counterflex.app.proof import simulate
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.run_file import write_run
-from counterflex.path.run import Run
+from counterflex.files.summary_file import write_run
+from counterflex.path.toolpath import Run
 from counterflex_lab.reproduce import haehn_case, haehn_report
 from counterflex_lab.reproduce.haehn import GOALS_MM, PAPER, goal, over_seeds
 from counterflex_lab.reproduce.way import REFUSED

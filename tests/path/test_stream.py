@@ -9,8 +9,7 @@ from hypothesis import example, given, settings, strategies as st
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.path.path_speed import build_track
-from counterflex.path.stream import PoseStream
+from counterflex.path.path_speed import PoseStream, build_track
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 
 PERIOD = 4e-3

@@ -8,11 +8,10 @@ from scipy.integrate import solve_ivp
 
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import read_cell
-from counterflex.geometry import wrench
+from counterflex.geometry import pose
 from counterflex.plan.play_compensation import arm_share, arrival
 from counterflex.robot.elasticity.compliance import cartesian_compliance
-from counterflex.signals.ahead import Ahead
-from counterflex.signals.preview import Mode, Shaping
+from counterflex.signals.preview import Ahead, Mode, Shaping
 
 CELL = "examples/cells/kr300_d16_flat.toml"
 
@@ -23,7 +22,7 @@ def test_the_share_of_the_arm_is_what_a_rigid_end_effector_would_leave() -> None
     chain, R = cell.chain, cell.T_base_part[:3, :3]
     q = np.tile(np.deg2rad([-3.0, -92.0, 123.0, -174.0, 31.0, 175.0]), (3, 1))
     w = np.array([[-178.0, 508.0, -100.0, 0.0, 0.0, 0.0], [10.0, 0.0, -300.0, 0.0, 0.0, 0.0], np.zeros(6)])
-    w_base = wrench.rotate(R, w)
+    w_base = pose.rotate_wrench(R, w)
     C = cartesian_compliance(chain, q)
     own = np.array(chain.compliance)
     own[chain.flange_segment + 1 :] = 0.0

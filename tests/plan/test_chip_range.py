@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.compensation.chip_remark import WARNED_SHARE, extrapolation, extrapolation_text
 from counterflex.app.compensation.compensate import compensate
+from counterflex.app.compensation.headline import WARNED_SHARE, extrapolation, extrapolation_text
 from counterflex.app.examples import small
 from counterflex.core.errors import ModelError
 from counterflex.core.similar import told_apart

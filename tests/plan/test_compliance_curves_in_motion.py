@@ -18,7 +18,7 @@ from counterflex.plan.relative_motion import tool_carried
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import cartesian_compliance, deflection
 from counterflex.robot.elasticity.gravity import weight_loads
-from counterflex.robot.model.compliance_curve import ComplianceCurve
+from counterflex.robot.model.description import ComplianceCurve
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.truth.nominal import nominal_truth
 from counterflex.twin.truth.other import GearCurve, OtherPhysics

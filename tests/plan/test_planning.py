@@ -14,7 +14,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, ModelError, ReachError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell
-from counterflex.geometry import pose, wrench
+from counterflex.geometry import pose
 from counterflex.path.toolpath import FEED, ToolPath, tool_orientation, tool_poses
 from counterflex.plan.compensate import plan
 from counterflex.plan.inputs import CorrectionLimits, Setting
@@ -56,7 +56,7 @@ def landed(found: Plan, setting: Setting, rows: Int, T_base_true: Float) -> Floa
     command = found.path.p_part_tcp[rows] + found.correction_part[rows]
     Rs = tool_orientation(found.path.axis_part[rows], setting.rotation_about_tool_rad)
     q = inverse_path(setting.controller_chain, tool_poses(setting.T_base_part, command, Rs), setting.branch).q
-    w_base = wrench.rotate(setting.T_base_part[:3, :3], found.w_tcp_part[rows])
+    w_base = pose.rotate_wrench(setting.T_base_part[:3, :3], found.w_tcp_part[rows])
     Ts = forward_elastic(setting.chain, q, w_base, gravity=True, equilibrium=True)
     return pose.transform(pose.inverse(T_base_true), Ts[:, :3, 3])
 

@@ -23,7 +23,7 @@ from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import TOOL_VECTOR, Program
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.rotary.fitted import fitted
-from counterflex.programs.rotary.poses import RotaryWords, commanded_words, turned_path
+from counterflex.programs.rotary.poses import CommandedWords, RotaryWords, turned_path
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "programs"
@@ -279,8 +279,8 @@ def test_a_tool_that_turns_gets_the_same_points_and_axes_in_both_languages() -> 
         fed = (turned.path.kind == FEED)[:, None]
         shift, tilt = np.where(fed, [2e-4, -1e-4, 3e-4], 0.0), np.where(fed, [0.0, 3e-4, -2e-4], 0.0)
         shift[0] = tilt[0] = 0.0
-        commanded = commanded_words(turned, words, shift, tilt)
-        still = commanded_words(turned, words, 0.0 * shift, 0.0 * tilt)
+        commanded = CommandedWords.of(turned, words, shift, tilt)
+        still = CommandedWords.of(turned, words, 0.0 * shift, 0.0 * tilt)
         nominal = CompensatedPath.nominal(turned.path)
         assert write(program, nominal, words=still).text == text
         result = write(program, nominal, words=commanded, header=False).text

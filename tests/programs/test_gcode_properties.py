@@ -13,7 +13,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH, MM
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.gcode.read.scanner import scan_line, scan_plain
+from counterflex.programs.gcode.read.scanner import ScannedLine, scan_plain
 from counterflex.programs.program import Program
 
 QUICK = settings(max_examples=120, deadline=None)
@@ -91,7 +91,7 @@ def test_short_and_full_scanner_agree(text: str) -> None:
     short = scan_plain(text)
     # Where the short scanner declines, blanks inside a number had to be joined.
     if short is not None:
-        full = scan_line(text, "p", 1)
+        full = ScannedLine.scan(text, "p", 1)
         assert full.flow is None
         assert [(w.letter, w.value, w.start, w.end) for w in full.words] == [
             (w.letter, w.value, w.start, w.end) for w in short
@@ -213,10 +213,10 @@ def test_formatting_round_trip(words: list[tuple[str, float]]) -> None:
     bracket = "".join(f"{letter}[{value:.4f}+0]" for letter, value in words)
     letters = [letter for letter, _ in words]
     for text in (plain, spaced):
-        scanned = scan_line(text, "p", 1).words
+        scanned = ScannedLine.scan(text, "p", 1).words
         assert [word.letter for word in scanned] == letters
         assert [word.value for word in scanned] == pytest.approx([value for _, value in words], abs=1e-9)
-    assert [word.letter for word in scan_line(bracket, "p", 1).words] == letters
+    assert [word.letter for word in ScannedLine.scan(bracket, "p", 1).words] == letters
 
 
 @QUICK

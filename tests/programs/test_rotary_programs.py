@@ -16,7 +16,7 @@ from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import Program
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryAxis, RotaryMachine
-from counterflex.programs.rotary.poses import RotaryWords, commanded_words, turned_path
+from counterflex.programs.rotary.poses import CommandedWords, RotaryWords, turned_path
 
 X, Y, Z = np.eye(3)
 TRUNNION = RotaryMachine(
@@ -142,7 +142,7 @@ def test_corrected_poses_come_back_from_the_written_words(name: str, mode: str) 
     text = HEAD + mode + f"G0 X5 Y-4 Z60 {turn[0]}\nG1 Z20 F900\nG1 X35 {turn[1]} F600\nG1 Y20 {turn[2]}\nG0 Z60\nM2\n"
     program, words, turned = sampled(text, machine)
     correction, rotvec = _bent(turned, np.random.default_rng(3))
-    asked = commanded_words(turned, words, correction, rotvec)
+    asked = CommandedWords.of(turned, words, correction, rotvec)
     assert asked.dropped_rad < 1e-9
     tolerance = 5e-6
     result = write_gcode(program, CompensatedPath.nominal(turned.programmed), words=asked, tolerance_m=tolerance)
@@ -169,7 +169,7 @@ def test_a_program_without_corrections_stays_as_it_is() -> None:
     text = HEAD + "G43.4 H1\nG0 X5 Y-4 Z60 A20 C30\nG1 Z20 F900\nG1 X35 A28 F600\nG0 Z60 A0\nM2\n"
     program, words, turned = sampled(text, TRUNNION)
     none = np.zeros((len(turned.path), 3))
-    asked = commanded_words(turned, words, none, none)
+    asked = CommandedWords.of(turned, words, none, none)
     assert write_gcode(program, CompensatedPath.nominal(turned.programmed), words=asked).text == text
 
 
@@ -178,7 +178,7 @@ def test_at_a_singular_position_the_direction_that_cannot_be_said_is_told() -> N
     text = HEAD + "G43.4 H1\nG0 X5 Y-4 Z60 B0.5 C0\nG0 B0\nG1 Z20 F900\nG1 X35 F600\nM2\n"
     program, words, turned = sampled(text, FORK)
     correction, rotvec = _bent(turned, np.random.default_rng(4))
-    asked = commanded_words(turned, words, correction, rotvec)
+    asked = CommandedWords.of(turned, words, correction, rotvec)
     assert 0.3e-3 < asked.dropped_rad < 1.0e-3
     tip, _ = words.pose(asked.p_command, asked.angle_command_rad, turned.path.motion)
     np.testing.assert_allclose(tip, turned.path.p_part_tcp + correction, atol=1e-12)
@@ -194,7 +194,7 @@ def test_a_block_that_stays_one_turns_at_its_end_and_the_retract_turns_back() ->
     first = int(np.argmax(fed))
     share = np.clip((np.arange(len(fed)) - first + 1) / 1.0, 0.0, 1.0) * fed
     rotvec = share[:, None] * np.array([1e-3, 0.0, 0.0])
-    asked = commanded_words(turned, words, np.zeros_like(rotvec), rotvec)
+    asked = CommandedWords.of(turned, words, np.zeros_like(rotvec), rotvec)
     back = read_gcode(write_gcode(program, CompensatedPath.nominal(turned.programmed), words=asked).text)
     ends = [motion.abc_end for motion in back.motions]
     assert len(ends) == 5

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
-from counterflex.programs.simplify import simplify
+from counterflex.programs.motion_rows import simplify
 
 
 def deviation(s: Float, p: Float, vertices: Int) -> Float:

@@ -16,7 +16,7 @@ from counterflex.integrations.kuka.language.read.reader import read_krl
 from counterflex.integrations.staubli.language.job import configuration as val3_configuration
 from counterflex.integrations.staubli.language.read.reader import read_val3_file
 from counterflex.programs.program import Program
-from counterflex.programs.stated.posture import other_postures, stated_postures
+from counterflex.programs.stated.two_readings import other_postures, stated_postures
 from counterflex.robot.kinematics.inverse_seeds import branch_of
 from counterflex.robot.model.opw import BRANCHES
 

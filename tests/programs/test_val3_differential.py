@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.integrations.staubli.language.read.application import Val3Folder
+from counterflex.integrations.staubli.language.read.branches import Val3Folder
 from counterflex.integrations.staubli.language.read.reader import read_val3
 from counting_programs import NAMES, NEVER, RANDOM_PROGRAMS, Counting, Op, Text, leaf, programs, small
 from val3_files import at, data, program

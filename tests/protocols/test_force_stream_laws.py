@@ -232,12 +232,12 @@ def document(force: str = "N", moment: str = "Nm", more: str = "") -> bytes:
 
 @pytest.mark.parametrize("unit", FORCES)
 def test_a_unit_of_force_of_the_sensor(unit: str) -> None:
-    assert netft.read_scaling(document(force=unit)).force_n == pytest.approx(FORCES[unit] / 1000, rel=1e-12)
+    assert netft.Scaling.of(document(force=unit)).force_n == pytest.approx(FORCES[unit] / 1000, rel=1e-12)
 
 
 @pytest.mark.parametrize("unit", MOMENTS)
 def test_a_unit_of_moment_of_the_sensor(unit: str) -> None:
-    assert netft.read_scaling(document(moment=unit)).moment_nm == pytest.approx(MOMENTS[unit] / 500, rel=1e-12)
+    assert netft.Scaling.of(document(moment=unit)).moment_nm == pytest.approx(MOMENTS[unit] / 500, rel=1e-12)
 
 
 @QUICK
@@ -246,7 +246,7 @@ def test_a_moved_origin_widens_the_range_of_moments_by_its_lever(moved: tuple[fl
     """No force within its range makes a larger moment about the moved origin; unmoved, the range is the rated one."""
     limits = f"<cfgmr>{';'.join(map(repr, rated))}</cfgmr><scfgtdu>mm</scfgtdu>"
     shift = ";".join(map(repr, [*moved, 0.0, 0.0, 0.0]))
-    found = netft.read_scaling(document(more=f"{limits}<cfgtfx>{shift}</cfgtfx>"))
+    found = netft.Scaling.of(document(more=f"{limits}<cfgtfx>{shift}</cfgtfx>"))
     assert found.range_n == pytest.approx(rated[:3])
     if not any(moved):
         assert found.range_nm == pytest.approx(rated[3:])

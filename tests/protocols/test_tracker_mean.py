@@ -12,7 +12,7 @@ from counterflex.core.units import MS
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.protocols.tracker.telegram import TrackerPose
-from counterflex.twin.devices.tracker import TrackerSender
+from counterflex.twin.devices.datagram_sender import TrackerSender
 
 SHIFTS = np.array([[12.0, -3.0, 5.0], [-8.0, 9.0, 1.0], [20.0, -14.0, -11.0], [4.0, 2.0, -7.0]]) * 1e-6
 TURNS = np.array([[30.0, -20.0, 10.0], [-25.0, 40.0, -5.0], [15.0, 10.0, 60.0], [-60.0, 5.0, -35.0]]) * 1e-6

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from counterflex.app.placement.placement_map import MapData, map_figure
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.error_budget import REMAINDER, BudgetLine
@@ -17,7 +18,6 @@ from counterflex.report.correction_page import CorrectionData, _verdict, broken
 from counterflex.report.data import PredictionData
 from counterflex.report.distribution_figure import area_shares, budget_figure
 from counterflex.report.figure_data import edges_mm, scale_limit_mm, thin
-from counterflex.report.placement_map_page import MapData, map_figure
 from counterflex.report.remaining_figure import remaining_figure, space_figure
 
 QUICK = settings(max_examples=15)

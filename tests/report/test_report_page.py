@@ -21,9 +21,9 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.error_budget import error_budget
 from counterflex.evaluate.feature_finding import find_features
 from counterflex.evaluate.features import Machined, measure_features
-from counterflex.evaluate.path_deviation import path_deviation, path_figures
+from counterflex.evaluate.path_deviation import PathFigures, path_deviation
 from counterflex.evaluate.summary import SeedResult, Variant, summary, table_rows
-from counterflex.evaluate.surface import nominal_surface, surface_deviation
+from counterflex.evaluate.surface import SurfaceDeviation, nominal_surface
 from counterflex.path import FEED, RAPID, ToolPath
 from counterflex.report import (
     ErrorCurve,
@@ -134,8 +134,8 @@ def job() -> tuple[ReportData, dict[str, Any]]:
         remove_path(cut, actual, path.kind, CUTTER, engagement=False)
         deviation = path_deviation(path, path.time_s, actual, area, CUTTER.radius_m, gap_m=0.02)
         joined: Bool = ~deviation.broken
-        found = surface_deviation(surface, cut, deviation.p_part_actual, joined)
-        variants[name] = Variant(path_figures(deviation), found, float(force.max()))
+        found = SurfaceDeviation.of(surface, cut, deviation.p_part_actual, joined)
+        variants[name] = Variant(PathFigures.of(deviation), found, float(force.max()))
         shown[name] = VariantData(deviation, found, ErrorCurve(path.time_s, force))
         parts[name] = Machined(cut, deviation.p_part_actual, joined)
     features = measure_features(surface, path.p_part_tcp, find_features(path, CUTTER.radius_m), parts)

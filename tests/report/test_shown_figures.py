@@ -20,13 +20,12 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.features import FeatureRow
-from counterflex.evaluate.figures import NONE, weighted_figures
+from counterflex.evaluate.figures import NONE, DeviationFigures
 from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.sections import PartSection, Profile
-from counterflex.evaluate.path_deviation import PathDeviation, path_figures as figures_of_path
+from counterflex.evaluate.path_deviation import PathDeviation, PathFigures
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
-from counterflex.report.inspection.page import InspectionData, enlarged
-from counterflex.report.inspection.path_figures import MeasuredPath
+from counterflex.report.inspection.page import InspectionData, MeasuredPath, enlarged
 from counterflex.report.map_figure import MapPicture, callouts, map_figure, map_picture
 from counterflex.report.preflight.page import PreflightData
 from counterflex.report.preflight.path_figures import PathCurves
@@ -63,8 +62,8 @@ def surface(wall: Float | None = None) -> NominalSurface:
 def deviation(floor_m: Float, wall_m: Float | None = None) -> SurfaceDeviation:
     wall = np.zeros(0) if wall_m is None else wall_m
     cells = floor_m[np.isfinite(floor_m)]
-    figures = weighted_figures(cells, CELL**2)
-    of_wall = weighted_figures(wall, 1e-6) if len(wall) else NONE
+    figures = DeviationFigures.weighted(cells, CELL**2)
+    of_wall = DeviationFigures.weighted(wall, 1e-6) if len(wall) else NONE
     return SurfaceDeviation(floor_m.astype(np.float32), wall, figures, figures, of_wall, CELL, 0.1 * UM, 0.0)
 
 
@@ -173,7 +172,7 @@ def measured_path(number: int, scale_m: float) -> MeasuredPath:
         np.tile([0.0, 1.0, 0.0], (n, 1)), np.column_stack([none, left, up]), left, up, along, yes.astype(float), yes,
         place < 0.2, place >= 0.8, ~yes, ~yes,
     )  # fmt: skip
-    return MeasuredPath(deviation, {"floor": up}, figures_of_path(deviation), cut_known=True, along_known=True)
+    return MeasuredPath(deviation, {"floor": up}, PathFigures.of(deviation), cut_known=True, along_known=True)
 
 
 @settings(max_examples=5)

@@ -12,8 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.axis_sag import TERMS, AxisSag, unit_turns
-from counterflex.robot.elasticity.axis_springs import axis_deflections, rigid_axes
-from counterflex.robot.elasticity.chain import ElasticChain, frames, jacobian
+from counterflex.robot.elasticity.chain import ElasticChain, axis_deflections, frames, jacobian, rigid_axes
 from counterflex.robot.elasticity.compliance import (
     cartesian_compliance,
     deflection,

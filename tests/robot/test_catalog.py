@@ -15,7 +15,6 @@ from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM
 from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.chain import ElasticChain, flange, forward, frames
-from counterflex.robot.elasticity.gravity import counterbalance_torque
 from counterflex.robot.kinematics import inverse
 from counterflex.robot.model import catalog, load_cases
 from counterflex.robot.model.description import EndEffector, Opw
@@ -144,7 +143,7 @@ def test_kr300_gas_cylinder_matches_the_recorded_pressure() -> None:
         d = angle_deg * DEG - balance.q_min_force_rad
         long, short = balance.anchor_column_m, balance.anchor_arm_m
         lever = long * short * math.sin(d) / math.sqrt(long**2 + short**2 - 2 * long * short * math.cos(d))
-        torque = float(counterbalance_torque(balance, angle_deg * DEG))
+        torque = float(balance.torque(angle_deg * DEG))
         pressure = -torque / (lever * balance.piston_area_m2)
         assert pressure == pytest.approx(bar * 1e5, rel=0.05)
 

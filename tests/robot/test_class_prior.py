@@ -13,8 +13,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import read_cell
 from counterflex.robot.elasticity import compliance
-from counterflex.robot.elasticity.axis_springs import axis_deflections
-from counterflex.robot.elasticity.chain import ElasticChain, forward, jacobian
+from counterflex.robot.elasticity.chain import ElasticChain, axis_deflections, forward, jacobian
 from counterflex.robot.model import catalog
 from counterflex.robot.model.class_prior import AXES, ClassPrior, class_prior, published
 from counterflex.robot.model.description import EndEffector

@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 
 from counterflex.core.errors import ModelError
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.robot.model.compliance_curve import ComplianceCurve
+from counterflex.robot.model.description import ComplianceCurve
 from counterflex.robot.model.elastic_region import check_curves
 
 

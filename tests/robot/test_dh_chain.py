@@ -10,7 +10,7 @@ from counterflex.core.errors import FileFormatError, ModelError
 from counterflex.files.cell.cell import read_cell
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import inverse
-from counterflex.robot.model.dh import Convention, DhRow, from_dh
+from counterflex.robot.model.description import Convention, DhRow, Robot
 
 RNG = np.random.default_rng(1)
 UR10 = [(0.0, 0.1273, 90.0), (-0.612, 0.0, 0.0), (-0.5723, 0.0, 0.0), (0.0, 0.163941, 90.0), (0.0, 0.1157, -90.0),
@@ -45,7 +45,9 @@ def test_forward_is_the_product_of_elementary_transforms(convention: Convention)
             expected = expected @ _turn(2, theta) @ _shift(2, row.d_m) @ _shift(0, row.a_m) @ _turn(0, row.alpha_rad)
         else:
             expected = expected @ _turn(0, row.alpha_rad) @ _shift(0, row.a_m) @ _turn(2, theta) @ _shift(2, row.d_m)
-    np.testing.assert_allclose(forward(ElasticChain.build(from_dh("arm", rows, convention)), q), expected, atol=1e-14)
+    np.testing.assert_allclose(
+        forward(ElasticChain.build(Robot.from_dh("arm", rows, convention)), q), expected, atol=1e-14
+    )
 
 
 def test_ur10_of_the_example_reaches_its_own_poses() -> None:
@@ -71,7 +73,7 @@ def _ur10_at_zero() -> Float:
 
 def test_bad_rows_are_refused() -> None:
     with pytest.raises(ModelError, match="six axes"):
-        from_dh("arm", [DhRow(0.1, 0.1, 0.0)] * 5)
+        Robot.from_dh("arm", [DhRow(0.1, 0.1, 0.0)] * 5)
     with pytest.raises(FileFormatError, match="'axes' cannot be used"):
         read_cell(_five_rows())
 

@@ -15,7 +15,7 @@ from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_elastic
 from counterflex.robot.elasticity.compliance import cartesian_compliance, deflection, element_loads
-from counterflex.robot.elasticity.gravity import counterbalance_torque, sag, weight_loads
+from counterflex.robot.elasticity.gravity import sag, weight_loads
 from counterflex.robot.model import catalog
 from counterflex.robot.model.description import Counterbalance, EndEffector, Robot, Segment
 
@@ -70,9 +70,9 @@ def test_counterbalance_is_the_slope_of_the_gas_work() -> None:
     q = np.radians(np.linspace(-140.0, -5.0, 28))
     h = 1e-5
     slope = (work(q + h) - work(q - h)) / (2 * h)
-    np.testing.assert_allclose(counterbalance_torque(balance, q), -slope, rtol=1e-7, atol=1e-3)
-    assert counterbalance_torque(balance, balance.q_min_force_rad) == pytest.approx(0.0, abs=1e-9)
-    assert counterbalance_torque(balance, np.radians(-40.0)) < 0.0 < counterbalance_torque(balance, np.radians(-130.0))
+    np.testing.assert_allclose(balance.torque(q), -slope, rtol=1e-7, atol=1e-3)
+    assert balance.torque(balance.q_min_force_rad) == pytest.approx(0.0, abs=1e-9)
+    assert balance.torque(np.radians(-40.0)) < 0.0 < balance.torque(np.radians(-130.0))
     measured_bar = {-120: 170, -110: 167, -90: 162, -60: 180, -40: 200}
     for angle, bar in measured_bar.items():
         d = np.radians(angle) - balance.q_min_force_rad
@@ -86,9 +86,7 @@ def test_counterbalance_relieves_axis_2_alone(haehn: ElasticChain, poses: Float)
     difference = with_it - without
     axis2 = haehn.names.index("axis2")
     assert haehn.counterbalance is not None
-    np.testing.assert_allclose(
-        difference[:, axis2, 5], haehn.sign[axis2] * counterbalance_torque(haehn.counterbalance, poses[:, 1])
-    )
+    np.testing.assert_allclose(difference[:, axis2, 5], haehn.sign[axis2] * haehn.counterbalance.torque(poses[:, 1]))
     difference[:, axis2, 5] = 0.0
     np.testing.assert_array_equal(difference, 0.0)
     forward_leaning = poses[:, 1] > haehn.counterbalance.q_min_force_rad + 0.1

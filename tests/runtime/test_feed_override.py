@@ -24,9 +24,8 @@ from counterflex.runtime.monitoring.override_plan import slowed_time, speed_plan
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.settings import ForceMode, OnlineSettings, Pilot
 from counterflex.runtime.state.supervisor import State
-from counterflex.signals.ahead import Ahead
 from counterflex.signals.limiter import MotionLimit
-from counterflex.signals.preview import Mode, Shaping
+from counterflex.signals.preview import Ahead, Mode, Shaping
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])

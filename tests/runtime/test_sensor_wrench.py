@@ -9,7 +9,7 @@ import pytest
 
 import counterflex
 from counterflex.files.cell.cell import read_cell
-from counterflex.geometry import pose, rotation, wrench
+from counterflex.geometry import pose, rotation
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.sensing.carrier import carrier_pose, carrier_to_tcp, hose_rotation
 from counterflex.sensing.flange_sensor import FlangeSensor, tcp_wrench
@@ -45,5 +45,5 @@ def test_agrees_with_the_array_form(segment: str, seed: int, hose_from: str) -> 
         R_hose_sensor = hose_rotation(cell.chain, hose_from, segment, q) @ sensor.T_seg_sensor[:3, :3]
     T_seg_tcp = carrier_to_tcp(cell.chain, segment)
     w_base = tcp_wrench(sensor, w_sensor, R_base_sensor, T_seg_tcp, R_hose_sensor=R_hose_sensor)
-    np.testing.assert_allclose(found, wrench.rotate(cell.T_base_part[:3, :3].T, w_base), rtol=1e-9, atol=1e-8)
+    np.testing.assert_allclose(found, pose.rotate_wrench(cell.T_base_part[:3, :3].T, w_base), rtol=1e-9, atol=1e-8)
     np.testing.assert_allclose(one.w_base, w_base, rtol=1e-9, atol=1e-8)

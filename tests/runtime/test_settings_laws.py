@@ -28,9 +28,8 @@ from counterflex.runtime.replay import Replay
 from counterflex.runtime.settings import Delays, ForceMode, OnlineSettings, Pilot, TrackerMode, force_delay
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.doubts import LIMITS
-from counterflex.signals.ahead import Ahead
 from counterflex.signals.limiter import MotionLimit
-from counterflex.signals.preview import Mode, Shaping
+from counterflex.signals.preview import Ahead, Mode, Shaping
 
 QUICK = settings(max_examples=40)
 seed = st.integers(0, 2**31)

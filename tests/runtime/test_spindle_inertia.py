@@ -11,7 +11,7 @@ import counterflex
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.geometry import pose, rotation, wrench
+from counterflex.geometry import pose, rotation
 from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 from counterflex.sensing.carrier import carrier_to_tcp
 from counterflex.sensing.flange_sensor import FlangeSensor, SensorMotion, idle_wrench
@@ -56,7 +56,7 @@ def test_a_rigid_motion_leaves_nothing() -> None:
         motion = SensorMotion(R_part_sensor.T @ a_sensor, R_part_sensor.T @ omega, R_part_sensor.T @ alpha)
         still = idle_wrench(SENSOR, R_base_part @ R_part_sensor)
         shown = idle_wrench(SENSOR, R_base_part @ R_part_sensor, motion=motion) - still
-        w_tcp = wrench.rotate(R_part_sensor, wrench.shift(shown, -T_sensor_tcp[:3, 3]))
+        w_tcp = pose.rotate_wrench(R_part_sensor, pose.shift_wrench(shown, -T_sensor_tcp[:3, 3]))
         found = inertia(packed(pose.make(R_part_tcp, p_tcp)), w_tcp, RIGID, 1)
         if k > 100:
             largest_in, largest_out = max(largest_in, np.abs(w_tcp).max()), max(largest_out, np.abs(found).max())

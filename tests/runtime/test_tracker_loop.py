@@ -15,8 +15,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.records import as_reals, records
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.online import OnlineTable
-from counterflex.files.cell.timing import ChannelTimingTable, TimingTable
+from counterflex.files.cell.online import ChannelTimingTable, OnlineTable, TimingTable
 from counterflex.geometry import pose, rotation
 from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop

@@ -10,7 +10,7 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import STANDARD_GRAVITY
-from counterflex.geometry import pose, rotation, wrench
+from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_elastic
 from counterflex.robot.model import catalog
 from counterflex.robot.model.description import EndEffector, Segment
@@ -103,8 +103,8 @@ def test_the_process_comes_back_at_the_tool() -> None:
     T_seg_tcp = carrier_to_tcp(c, "sensor")
     w_tcp_base = np.array([[300.0, -200, 100, 5, -3, 2], [-50.0, 400, 30, -1, 6, 0]])
     T_tcp = T_base_seg @ T_seg_tcp
-    about_sensor = wrench.shift(w_tcp_base, T_tcp[:, :3, 3] - (T_base_seg @ s.T_seg_sensor)[:, :3, 3])
-    reading = idle_wrench(s, R) + wrench.rotate(np.swapaxes(R, -1, -2), about_sensor)
+    about_sensor = pose.shift_wrench(w_tcp_base, T_tcp[:, :3, 3] - (T_base_seg @ s.T_seg_sensor)[:, :3, 3])
+    reading = idle_wrench(s, R) + pose.rotate_wrench(np.swapaxes(R, -1, -2), about_sensor)
     np.testing.assert_allclose(tcp_wrench(s, reading, R, T_seg_tcp), w_tcp_base, atol=1e-10)
     np.testing.assert_allclose(process_wrench(s, idle_wrench(s, R), R), 0.0, atol=1e-12)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from counterflex.geometry import pose, rotation, wrench
+from counterflex.geometry import pose, rotation
 from counterflex.sensing.flange_sensor import FlangeSensor, idle_wrench, tcp_wrench
 from counterflex.sensing.wrench_kernel import idle, to_tcp
 
@@ -51,7 +51,7 @@ def test_agrees_with_the_array_form(functions: int, seed: int) -> None:
     w_base = tcp_wrench(
         one, w_sensor, R_base_sensor, T_seg_tcp, temperature_c=25.0, time_s=100.0, R_hose_sensor=R_hose_sensor
     )
-    np.testing.assert_allclose(out, wrench.rotate(R_base_part.T, w_base), rtol=1e-11, atol=1e-9)
+    np.testing.assert_allclose(out, pose.rotate_wrench(R_base_part.T, w_base), rtol=1e-11, atol=1e-9)
 
 
 def test_without_a_temperature_it_is_the_reference() -> None:

@@ -10,8 +10,7 @@ from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.signals.ahead import Ahead
-from counterflex.signals.preview import Mode, Shaping, _passed, by_group, command_for
+from counterflex.signals.preview import Ahead, Mode, Shaping, _passed, by_group, command_for
 
 STEP = 0.002
 TIME: Float = np.arange(0.0, 2.0, STEP)

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from counterflex.core.errors import InputError
-from counterflex.twin.network.faults import SOUND, Fault, FaultSchedule
-from counterflex.twin.network.faulty_line import FaultyLine
+from counterflex.twin.network.faults import SOUND, Fault, FaultSchedule, FaultyLine
 
 N = 4000
 

@@ -13,7 +13,7 @@ from counterflex.twin.laboratory import (
     reversals as measure_reversals,
     servo_steps as measure_servo_steps,
 )
-from counterflex.twin.laboratory.instrument_clocks import instrument_clocks
+from counterflex.twin.laboratory.instrument_clocks import InstrumentClocks
 from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
 from counterflex.twin.truth.truth import Truth
 
@@ -35,15 +35,15 @@ def swing(truth: Truth) -> dict[str, np.ndarray]:
 
 
 def test_clocks_are_the_laboratorys_own_and_repeat(lab: Laboratory) -> None:
-    assert instrument_clocks(lab) == instrument_clocks(laboratory(3))
-    assert instrument_clocks(lab) != instrument_clocks(laboratory(4))
+    assert InstrumentClocks.of(lab) == InstrumentClocks.of(laboratory(3))
+    assert InstrumentClocks.of(lab) != InstrumentClocks.of(laboratory(4))
 
 
 def test_the_controller_shows_what_was_a_dead_time_before(truth: Truth, lab: Laboratory) -> None:
     request = swing(truth)
     seen = measure_record.measure(truth, lab, request, {})
     t = seen.channels["time_s"][:, 0]
-    late = t - instrument_clocks(lab).feedback.dead_time_s
+    late = t - InstrumentClocks.of(lab).feedback.dead_time_s
     was = np.interp(late, t, seen.channels["q_motor"][:, 0])
     q = np.repeat(POSE[None], len(t), axis=0)
     q[:, 0] = was
@@ -55,7 +55,7 @@ def test_the_controller_shows_what_was_a_dead_time_before(truth: Truth, lab: Lab
 def test_a_correction_goes_through_dead_time_and_lag(truth: Truth, lab: Laboratory) -> None:
     request = swing(truth)
     seen = measure_record.measure(truth, lab, request, {"through": "correction"})
-    times = instrument_clocks(lab)
+    times = InstrumentClocks.of(lab)
     lagged = Lag(times.correction.lag_s).sensitivity(request["q1_rad"][:, None], 0.004)[0][:, 0]
     t = seen.channels["time_s"][:, 0]
     expected = np.interp(t - times.correction.dead_time_s, request["time_s"], lagged)
@@ -79,7 +79,7 @@ def test_reversals_open_a_loop_of_play_and_friction(truth: Truth, lab: Laborator
     t, q = seen.channels["time_s"][:, 0], seen.channels["q_motor"][:, 0]
     slack = seen.channels["q_link"][:, 0] - q
     speed = np.gradient(q, t)
-    late = instrument_clocks(lab).link_dead_time_s
+    late = InstrumentClocks.of(lab).link_dead_time_s
     slack = slack + late * speed
     stiffness = 1.0 / max(b.compliance[5] for b in truth.bodies if b.joint == 0)
     drive = truth.drives[0]

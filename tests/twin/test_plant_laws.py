@@ -16,7 +16,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.robot.model.description import ElasticRegion
-from counterflex.twin.plant.controller import Controller, as_it_is, interpolate, moving_mean
+from counterflex.twin.plant.controller import CommandedReference, Controller, as_it_is, moving_mean
 from counterflex.twin.plant.friction import play_torque
 from counterflex.twin.plant.mjcf import coordinates as coordinates_of
 from counterflex.twin.plant.other_forces import PostureSprings, gear_torque, wind_up
@@ -178,7 +178,7 @@ def test_speeds_of_references_lie_at_their_own_time(controller: Controller, smoo
         p, np.tile([0.0, 0.0, 1.0], (4, 1)), np.full(4, FEED), np.full(4, 0.05), np.full(4, 1000.0), np.arange(4.0),
         np.arange(4), np.ones(4, dtype=np.int64),
     )  # fmt: skip
-    made = interpolate(path, replace(controller, smoothing_s=smoothing_s))
+    made = CommandedReference.interpolated(path, replace(controller, smoothing_s=smoothing_s))
     steps = np.diff(made.q_ref, axis=0) / controller.cycle_s
     np.testing.assert_allclose(made.qd_ref[1:-1], 0.5 * (steps[:-1] + steps[1:]), atol=1e-9)
     assert np.abs(np.diff(steps, axis=0)).max() > 1e-4

@@ -12,8 +12,8 @@ from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.files.cell.cell import read_cell
+from counterflex.twin.plant.mjcf import parts_of_step, step_is_stable
 from counterflex.twin.plant.plant import Plant
-from counterflex.twin.plant.step_length import parts_of_step, step_is_stable
 from counterflex.twin.truth.family import FAMILIES
 from counterflex.twin.truth.truth import Truth
 

@@ -10,7 +10,7 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MRAD, MS
 from counterflex.geometry import pose
-from counterflex.twin.laboratory.instrument_clocks import instrument_clocks
+from counterflex.twin.laboratory.instrument_clocks import InstrumentClocks
 from counterflex.twin.laboratory.laboratory import NOMINAL_T_BASE_TRACKER, NOMINAL_T_TCP_TARGET, laboratory
 from counterflex.twin.laboratory.measurements import measurement
 from counterflex.twin.truth.truth import Truth
@@ -37,7 +37,7 @@ def test_noise_is_new_in_each_session_and_the_equipment_is_not() -> None:
         assert abs(np.corrcoef(noise[i], noise[(i + 1) % 3])[0, 1]) < 0.15
         assert abs(np.corrcoef(noise[i], days[i].noise("b").standard_normal(1000))[0, 1]) < 0.15
         np.testing.assert_array_equal(days[i].standing("a").standard_normal(5), base.standing("a").standard_normal(5))
-    times = [instrument_clocks(day) for day in days]
+    times = [InstrumentClocks.of(day) for day in days]
     assert times[0].tracker_clock == times[1].tracker_clock == times[2].tracker_clock
     assert 1.0 * MS < times[0].tracker.dead_time_s < 20.0 * MS
 

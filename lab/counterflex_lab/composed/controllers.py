@@ -13,7 +13,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS
 from counterflex.geometry import pose
-from counterflex.path.stream import PoseStream
+from counterflex.path.path_speed import PoseStream
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.robot.wire import Wire

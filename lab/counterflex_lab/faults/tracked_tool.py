@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import NS, UM
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.robot.elasticity.compliance import cartesian_compliance
-from counterflex.twin.devices.tracker import TrackerSender
+from counterflex.twin.devices.datagram_sender import TrackerSender
 from counterflex_lab.faults.demonstration import Q, demo_cell
 
 _NOISE_M: Final = 5.0 * UM

@@ -16,7 +16,7 @@ from counterflex.app.proof import simulate
 from counterflex.core.units import DEG
 from counterflex.evaluate.path_deviation import path_deviation
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.path.toolpath import FEED
 from counterflex_lab.reproduce import haehn_case
 from counterflex_lab.reproduce.groove_page import Dot, GrooveData, GrooveRun, groove_page

@@ -15,7 +15,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.progress import Progress, silent
 from counterflex.files.logs.segments import read_log
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.runtime.record_ring import COLUMNS, column
 from counterflex_lab.reproduce import holder_case
 from counterflex_lab.reproduce.experiment import PLAN_FILE, PLANNED, Experiment, Own, Run, judged, mill, plan_task

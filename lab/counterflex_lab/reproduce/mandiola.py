@@ -19,7 +19,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.plan_file import read_plan
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex_lab.reproduce import mandiola_case, mandiola_report, tracking
 from counterflex_lab.reproduce.experiment import SAID, Experiment, Own, Run, mill, plan_task

@@ -22,9 +22,9 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS
 from counterflex.protocols.tracker.telegram import DATAGRAM, MAGIC
+from counterflex.twin.devices.commanded_motion import PlayedController
 from counterflex.twin.devices.force_device import ForceDevice
 from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
-from counterflex.twin.devices.robot_controller import PlayedController
 from counterflex.twin.live.live_cell import Report
 from counterflex_lab.soak.played_program import Phase, PlayedProgram
 from counterflex_lab.soak.recorded_pass import SAMPLES, RecordedPass

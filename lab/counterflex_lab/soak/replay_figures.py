@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import UM
-from counterflex.evaluate.loop_timing import percentiles
+from counterflex.evaluate.loop_timing import Percentiles
 from counterflex.runtime.state.supervisor import State
 from counterflex_lab.soak.timed_block import NOT_REPORTED, Block
 
@@ -52,6 +52,6 @@ def micro(time_s: Float) -> dict[str, float]:
     names = ("p50", "p99", "p999", "max")
     if len(time_s) == 0:
         return {**dict.fromkeys(names, math.nan), "n": 0}
-    ranked = percentiles(time_s)
+    ranked = Percentiles.of(time_s)
     values = (ranked.p50_s, ranked.p99_s, ranked.p999_s, ranked.max_s)
     return {**{name: round(value / UM, 1) for name, value in zip(names, values, strict=True)}, "n": ranked.n}

@@ -13,7 +13,7 @@ import numpy as np
 
 from counterflex.api.cell import Cell, model_of
 from counterflex.api.result import Figure, Result
-from counterflex.app import cell_modes, tap_test
+from counterflex.app import cell_modes
 from counterflex.app.pose_questions import checked_joints
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
@@ -102,7 +102,7 @@ class Modes(Result):
             for k, axis in enumerate("xyz")
         )
 
-    def compare(self, tap_test_file: str | Path, *, up_to_hz: float = tap_test.UP_TO_HZ) -> dict[str, Any]:
+    def compare(self, tap_test_file: str | Path, *, up_to_hz: float = cell_modes.UP_TO_HZ) -> dict[str, Any]:
         """Compare with a tap test in the same posture, and fit the masses.
 
         Args:
@@ -115,7 +115,7 @@ class Modes(Result):
         Raises:
             CounterflexError: The file is damaged, or has too few rows.
         """
-        return tap_test.beside_tap_test(self.result, tap_test_file, up_to_hz)
+        return cell_modes.beside_tap_test(self.result, tap_test_file, up_to_hz)
 
     def _lines(self) -> list[str]:
         lowest = self.summary["modes"][0]
@@ -127,7 +127,7 @@ class Modes(Result):
 
     def _pictures(self) -> dict[str, Figure]:
         """``mode1``, ``mode2`` ...: the arm in each mode, from the side and from above."""
-        from counterflex.app.modes import page_data
+        from counterflex.app.cell_modes import page_data
         from counterflex.report.modes_page import mode_figure
 
         data = page_data(self.result)
@@ -150,4 +150,4 @@ def modes(cell: Cell | str | Path, joints_deg: Any = None, *, count: int = cell_
     """
     known = model_of(cell)
     q = None if joints_deg is None else checked_joints(known.chain, list(joints_deg))
-    return Modes(cell_modes.modes_in(known, q, count=count))
+    return Modes(cell_modes.PostureModes.of(known, q, count=count))

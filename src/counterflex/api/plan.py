@@ -226,12 +226,12 @@ def choose_posture(
     Raises:
         CounterflexError: No posture is possible; says where and why.
     """
-    from counterflex.app.posture import posture_of
+    from counterflex.app.posture import PostureOf
     from counterflex.plan.posture.choose import Freedom
 
     freedom = Freedom(rotations)
     return Posture(
-        posture_of(program_file(program), model_of(cell), surface=surface, freedom=freedom, progress=progress)
+        PostureOf.of(program_file(program), model_of(cell), surface=surface, freedom=freedom, progress=progress)
     )
 
 

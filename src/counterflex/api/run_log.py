@@ -9,7 +9,7 @@ import polars as pl
 
 from counterflex.api.result import Figure, Result
 from counterflex.app.run_history import pages
-from counterflex.app.run_history.logged_run import one_run
+from counterflex.app.run_history.logged_run import RunOfHistory
 from counterflex.core.units import MM, NS, UM
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class RunLog(Result):
         return {"curves": self._curves}
 
     def _curves(self) -> dict[str, Any]:
-        from counterflex.report.run_history.figures import curves_figure
+        from counterflex.report.run_history.page import curves_figure
 
         by_length = float(self.run.curves.length_m.max()) > 0.0
         name = f"run {self.run.row['run']}"
@@ -84,4 +84,4 @@ def read_run(folder: str | Path, number: int | None = None) -> RunLog:
     Raises:
         CounterflexError: There is no such run, or its log cannot be read.
     """
-    return RunLog(Path(folder), one_run(Path(folder), number, "number"))
+    return RunLog(Path(folder), RunOfHistory.of(Path(folder), number, "number"))

@@ -34,8 +34,7 @@ from counterflex.programs.program import TOOL_VECTOR, Program
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.rotary.fitted import turns
-from counterflex.programs.stated.posture import other_postures
-from counterflex.programs.stated.two_readings import doubtful_readings
+from counterflex.programs.stated.two_readings import doubtful_readings, other_postures
 
 
 def run(

@@ -11,7 +11,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import prior_of
-from counterflex.robot.elasticity.axis_springs import axis_deflections
+from counterflex.robot.elasticity.chain import axis_deflections
 
 
 def require_stiffness_for(job: Job, cell: Cell, progress: Progress = silent) -> None:

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from counterflex.plan.plan import Plan
     from counterflex.plan.posture.cut_path import LoadedPath
 
-_POINTS: Final = 500
-"""Points of a cut that are looked at, evenly along it."""
+_POINTS: Final = 500  # Points of a cut that are looked at, evenly along it
 _SHARE: Final = 0.997
 
 

@@ -23,7 +23,7 @@ from counterflex.app.run.log import micro
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
-from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, Judgement, LoopSamples, TimingVerdict, judge, percentiles
+from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, Judgement, LoopSamples, Percentiles, TimingVerdict, judge
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.machine_file import StoredVerdict, against, machine_file, read_verdict, write_verdict
 from counterflex.geometry import pose, rotation
@@ -39,8 +39,7 @@ from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 _WRITE_S: Final = 0.1
 _SYNC_EVERY: Final = 10
 _PATH_ROWS: Final = 500
-_START: Final = 8
-"""Cycles until the loop is active; from then on only the place changes."""
+_START: Final = 8  # Cycles until the loop is active; from then on only the place changes
 _Q: Final = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 
 
@@ -72,7 +71,7 @@ class Checkup:
             "period_ms": samples.period_s * 1e3,
             "budget_us": round(judgement.budget_s * 1e6, 1),
             "in_time": judgement.in_time,
-            "times_us": {name: micro(percentiles(part)) for name, part in parts.items() if len(part)},
+            "times_us": {name: micro(Percentiles.of(part)) for name, part in parts.items() if len(part)},
             "host": platform.node(),
             "kernel": platform.release(),
             "realtime_kernel": self.machine.realtime_kernel,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from counterflex.app.add_ins import ADD_INS
-from counterflex.app.controller_import.kinds import DATA_KINDS
+from counterflex.app.controller_import.frames import DATA_KINDS
 from counterflex.app.plc import PLCS
 from counterflex.app.robot_folder import SETUPS
 from counterflex.app.run.robot_links import ROBOT_LINKS
@@ -47,17 +47,18 @@ class Extension:
     title: str
     fault: str  # Why it cannot be used, or empty
 
+    @classmethod
+    def of(cls, registry: Registry[Any], name: str) -> Extension:
+        """Load what an entry point names, and note what fails."""
+        title, fault = "", ""
+        try:
+            entry = registry[name]
+            title = str(getattr(entry, "title", entry.__doc__ if callable(entry) else entry))
+        except CounterflexError as problem:
+            fault = str(problem)
+        return cls(registry.group, name, registry.package(name), title, fault)
+
 
 def extensions(registries: Sequence[Registry[Any]] = REGISTRIES) -> list[Extension]:
     """Everything that is registered, our own first in each group."""
-    return [_looked_at(registry, name) for registry in registries for name in registry]
-
-
-def _looked_at(registry: Registry[Any], name: str) -> Extension:
-    title, fault = "", ""
-    try:
-        entry = registry[name]
-        title = str(getattr(entry, "title", entry.__doc__ if callable(entry) else entry))
-    except CounterflexError as problem:
-        fault = str(problem)
-    return Extension(registry.group, name, registry.package(name), title, fault)
+    return [Extension.of(registry, name) for registry in registries for name in registry]

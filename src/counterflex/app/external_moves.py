@@ -25,10 +25,8 @@ from counterflex.programs.language import LANGUAGES, is_robot
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 
-_CUT_M3: Final = 1e-12
-"""Less is the grain of the stock."""
-_SAME: Final = 0.01
-"""mm or deg by which a program and the cell file may state the same place."""
+_CUT_M3: Final = 1e-12  # Less is the grain of the stock
+_SAME: Final = 0.01  # mm or deg by which a program and the cell file may state the same place
 
 
 def changes_along(program: Program, path: ToolPath, cell: Cell) -> tuple[AxisChange, ...]:

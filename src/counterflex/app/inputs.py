@@ -43,8 +43,7 @@ from counterflex.programs.stated.two_readings import doubtful_readings
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.kinematics.joint_path import ByAxes
 
-_PER_MINUTE: Final = 94
-"""G94: F in units per minute."""
+_PER_MINUTE: Final = 94  # G94: F in units per minute
 _COARSE_M: Final = 1.0 * MM
 STEP_M = 0.25 * MM
 """Longest step of a sampled path: a fraction of the distance over which the engagement changes."""

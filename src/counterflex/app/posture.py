@@ -51,6 +51,48 @@ class PostureOf:
     chosen: ChosenPosture
     summary: dict[str, Any]  # In shop units
 
+    @classmethod
+    def of(
+        cls,
+        program: str | Path,
+        cell: Cell,
+        *,
+        reading: Reading = AS_IT_IS,
+        surface: Surface = "both",
+        freedom: Freedom | None = None,
+        progress: Progress = silent,
+    ) -> PostureOf:
+        """Choose the posture of a program.
+
+        Args:
+            cell: The cell; its present posture is what the result is compared with.
+            freedom: What may be chosen; None is a posture held all along.
+
+        Raises:
+            CounterflexError: The program, the cell or the reach does not allow it.
+            InputError: The program cuts nothing.
+        """
+        freedom = Freedom() if freedom is None else freedom
+        begin, parts = time.perf_counter(), in_parts(progress, {READING: 1.0, CUTTING: 2.0, CHOOSING: 3.0})
+        parts[READING](0.0)
+        cell, job = read_in_plane(program, cell, reading=reading)
+        setting, path = setting_of(cell, job, part_may_be_held=True), job.machined
+        line: Int = job.line_of_motion[path.motion]
+        with faults_in(job):
+            cut = loaded_path(path, line, cell.stock(), setting, surface, parts[CUTTING])
+            if not np.any(cut.weight_m > 0.0):
+                raise InputError(
+                    "the program cuts nothing, so that no deflection tells one posture from another",
+                    where=Path(job.program.name).name,
+                    hint="Check the blank (part.stock) and the program's zero",
+                )
+            task = PostureTask(path, line, cut, setting, robot_of(cell, setting), surroundings_of(job, cell))
+            chosen = choose(task, freedom, parts[CHOOSING])
+        progress(1.0)
+        summary = _summary(job, cell, cut, chosen, surface)
+        summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
+        return cls(job, cell, task, chosen, summary)
+
 
 def loaded_path(
     path: ToolPath, line: Int, stock: HeightMap, setting: Setting, surface: Surface, progress: Progress = silent
@@ -91,54 +133,13 @@ def surroundings_of(job: Job, cell: Cell) -> Surroundings:
     return Surroundings(coarse_bodies(job, cell, cell.stock()), job.machined.tool, bounds.clearance_m)
 
 
-def posture_of(
-    program: str | Path,
-    cell: Cell,
-    *,
-    reading: Reading = AS_IT_IS,
-    surface: Surface = "both",
-    freedom: Freedom | None = None,
-    progress: Progress = silent,
-) -> PostureOf:
-    """Choose the posture of a program.
-
-    Args:
-        cell: The cell; its present posture is what the result is compared with.
-        freedom: What may be chosen; None is a posture held all along.
-
-    Raises:
-        CounterflexError: The program, the cell or the reach does not allow it.
-        InputError: The program cuts nothing.
-    """
-    freedom = Freedom() if freedom is None else freedom
-    begin, parts = time.perf_counter(), in_parts(progress, {READING: 1.0, CUTTING: 2.0, CHOOSING: 3.0})
-    parts[READING](0.0)
-    cell, job = read_in_plane(program, cell, reading=reading)
-    setting, path = setting_of(cell, job, part_may_be_held=True), job.machined
-    line: Int = job.line_of_motion[path.motion]
-    with faults_in(job):
-        cut = loaded_path(path, line, cell.stock(), setting, surface, parts[CUTTING])
-        if not np.any(cut.weight_m > 0.0):
-            raise InputError(
-                "the program cuts nothing, so that no deflection tells one posture from another",
-                where=Path(job.program.name).name,
-                hint="Check the blank (part.stock) and the program's zero",
-            )
-        task = PostureTask(path, line, cut, setting, robot_of(cell, setting), surroundings_of(job, cell))
-        chosen = choose(task, freedom, parts[CHOOSING])
-    progress(1.0)
-    summary = _summary(job, cell, cut, chosen, surface)
-    summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
-    return PostureOf(job, cell, task, chosen, summary)
-
-
 def run(
     program: str | Path, cell_file: str | Path, out: str | Path, *, progress: Progress = silent, **options: Any
 ) -> dict[str, Any]:
     """Write ``cell.toml`` with the chosen posture, ``postures.csv`` and ``summary.json`` into ``out``: all or none."""
     cell = read_cell(cell_file)
     with atomic.atomic_folder(out) as staging:
-        done = posture_of(program, cell, progress=progress, **options)
+        done = PostureOf.of(program, cell, progress=progress, **options)
         best = done.chosen.best
         turning = None if best.turning is None else _sparse(best.turning).placed(done.job.machined.p_part_tcp)
         text = text_with_posture(cell.path, best.branch, best.rotation_rad / DEG, Path(out), turning)

@@ -62,10 +62,8 @@ SERVO: Final = "servo"
 MODEL: Final = "model"
 """In place of a recipe: the form of the model."""
 Kept = Mapping[str, float]
-_CHANGE_S: Final = 0.3
-"""So long before and after a row its force is compared with."""
-_CHANGED: Final = 0.3
-"""Share of the largest deflection that counts as a change."""
+_CHANGE_S: Final = 0.3  # So long before and after a row its force is compared with
+_CHANGED: Final = 0.3  # Share of the largest deflection that counts as a change
 _SEED: Final = 10
 _SWING_SEED: Final = 11
 

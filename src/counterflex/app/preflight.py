@@ -35,16 +35,15 @@ from counterflex.plan.preflight.speed_row import slower, speed_in_cut
 from counterflex.programs.approximation import approximation_m
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.stated.posture import stated_postures
-from counterflex.programs.stated.remarks import stated
+from counterflex.programs.stated.remarks import Stated
+from counterflex.programs.stated.two_readings import stated_postures
 from counterflex.twin.plant.simulate import mounted_tools
 
 CHECK: Final = "nominal geometry"
 LIMIT_M: Final = 50.0 * UM
 """Of a face without a tolerance of profile or position: five times the usual tolerance of a CAM system."""
 _MOST_ROWS: Final = 12
-_DEEPEST_M: Final = 5.0 * MM
-"""Distances to what was cut are known up to this."""
+_DEEPEST_M: Final = 5.0 * MM  # Distances to what was cut are known up to this
 
 
 def nominal_rows(cad: Path, job: Job, cell: Cell, path: ToolPath) -> list[Row]:
@@ -245,7 +244,7 @@ def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: boo
     Args:
         known_offsets: A parameter file or the cell file gives the work offsets.
     """
-    remarks, program = stated(job.program, known_offsets), job.program
+    remarks, program = Stated.of(job.program, known_offsets), job.program
     silent_spindle = remarks.robot and not any(motion.spindle_rad_s for motion in program.motions)
     wired = remarks.robot and bool(cell.tables.controller.spindle.of_language(program.dialect).clockwise)
     end = int(np.flatnonzero(job.path.motion == job.path.motion[0])[-1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,9 +23,44 @@ from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.language import LANGUAGES, object_at
 from counterflex.programs.program import Program
 from counterflex.programs.reading import RobotCell
-from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.robot_text.stated import TURNING
+from counterflex.programs.robot_text.program import TURNING, RobotProgram
 from counterflex.robot.kinematics.joint_path import ByAxes, Turns
+
+_LINES: Final = re.compile(r"\b(?:in )?lines? (\d+(?:(?:, | and | to )\d+)*)(?![\d.])")
+
+
+def with_files(data: Any, program: Program) -> Any:
+    """Return a result with the files of its lines; unchanged where all motions stand in one file.
+
+    Args:
+        data: Plain values. A row with a whole number as ``line`` gets ``place`` (``cut.src:8``), ``lines`` get
+            ``places``, and ``line 8`` in a sentence becomes the place.
+    """
+    if not any(program.blocks[motion.block].file for motion in program.motions):
+        return data
+    return _named(data, program)
+
+
+def _named(data: Any, program: Program) -> Any:
+    if isinstance(data, str):
+        return _LINES.sub(lambda match: _places(match[0], match[1], program), data)
+    if isinstance(data, list | tuple):
+        return type(data)(_named(item, program) for item in data)
+    if not isinstance(data, dict):
+        return data
+    out = {key: _named(value, program) for key, value in data.items()}
+    line, lines = data.get("line"), data.get("lines")
+    if isinstance(line, int):
+        out.setdefault("place", program.place(line))
+    if isinstance(lines, list) and all(isinstance(item, int) for item in lines):
+        out.setdefault("places", [program.place(item) for item in lines])
+    return out
+
+
+def _places(text: str, numbers: str, program: Program) -> str:
+    begin = "in " if text.startswith("in ") else ""
+    return begin + re.sub(r"\d+", lambda number: program.place(int(number[0])), numbers)
+
 
 _SAME_DEG: Final = 0.01
 _APART_M: Final = 1e-6

@@ -15,7 +15,7 @@ from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.reader import read_dataset
-from counterflex.files.logs.tracker_exports.formats import OWN, read_export
+from counterflex.files.logs.tracker_exports.formats import OWN, Readings
 from counterflex.geometry import pose
 from counterflex.identify.data.dataset import Channel, Dataset
 from counterflex.protocols.session.senses import tracker_frames
@@ -74,7 +74,7 @@ def read_measured(file: str | Path, form: str = OWN) -> TrackerMeasurement:
     name = Path(file).name
     if Path(file).suffix.lower() == ".toml":
         return _of_dataset(read_dataset(file), name)
-    readings = read_export(file, form)
+    readings = Readings.read(file, form)
     return TrackerMeasurement(name, readings.Ts_tracker_target, readings.time_s, readings.oriented, readings.sigma_m)
 
 
@@ -121,34 +121,34 @@ class CommandFrame:
     T_command_log: Float  # (4, 4)
     T_target_tcp: Float  # (4, 4)
 
+    @classmethod
+    def of(cls, text: str) -> CommandFrame:
+        """A frame: ``as-measured``, ``fit``, a cell file with a table ``[tracker]``, or ``X,Y,Z,A,B,C`` in mm and deg.
 
-def frame_of(text: str) -> CommandFrame:
-    """A frame: ``as-measured``, ``fit``, a cell file with a table ``[tracker]``, or ``X,Y,Z,A,B,C`` in mm and deg.
-
-    Raises:
-        InputError: It is none of these.
-        FileFormatError: The cell has no tracker.
-    """
-    if text in (AS_MEASURED, FIT):
-        return CommandFrame(text, text == FIT, np.eye(4), np.eye(4))
-    if text.endswith(".toml"):
-        cell = read_cell(text)
-        table = cell.tables.tracker
-        if table is None:
-            raise FileFormatError("the cell has no tracker", where=text, hint="Add a table [tracker]")
-        frames = tracker_frames(cell.T_base_part, table.T_base_tracker, tcp_target(cell, cell.chain))
-        return CommandFrame(f"part frame of {Path(text).name}", False, *frames)
-    try:
-        values = np.array([float(word) for word in text.split(",")])
-    except ValueError:
-        values = np.zeros(0)
-    if len(values) != 6 or not np.all(np.isfinite(values)):
-        raise InputError(
-            "no frame",
-            where="--frame",
-            value=text,
-            limit=f"{AS_MEASURED}, {FIT}, a cell file (.toml) or X,Y,Z,A,B,C of the tracker in the frame of the "
-            "commands, mm and deg",
-        )
-    T = pose.from_xyz_zyx(values[:3] * MM, values[3:] * DEG)
-    return CommandFrame(f"tracker at {text}", False, T, np.eye(4))
+        Raises:
+            InputError: It is none of these.
+            FileFormatError: The cell has no tracker.
+        """
+        if text in (AS_MEASURED, FIT):
+            return cls(text, text == FIT, np.eye(4), np.eye(4))
+        if text.endswith(".toml"):
+            cell = read_cell(text)
+            table = cell.tables.tracker
+            if table is None:
+                raise FileFormatError("the cell has no tracker", where=text, hint="Add a table [tracker]")
+            frames = tracker_frames(cell.T_base_part, table.T_base_tracker, tcp_target(cell, cell.chain))
+            return cls(f"part frame of {Path(text).name}", False, *frames)
+        try:
+            values = np.array([float(word) for word in text.split(",")])
+        except ValueError:
+            values = np.zeros(0)
+        if len(values) != 6 or not np.all(np.isfinite(values)):
+            raise InputError(
+                "no frame",
+                where="--frame",
+                value=text,
+                limit=f"{AS_MEASURED}, {FIT}, a cell file (.toml) or X,Y,Z,A,B,C of the tracker in the frame of the "
+                "commands, mm and deg",
+            )
+        T = pose.from_xyz_zyx(values[:3] * MM, values[3:] * DEG)
+        return cls(f"tracker at {text}", False, T, np.eye(4))

@@ -20,7 +20,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import axis_names, prior_of
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
-from counterflex.robot.elasticity.axis_springs import axis_deflections
+from counterflex.robot.elasticity.chain import axis_deflections
 from counterflex.robot.kinematics import inverse
 from counterflex.robot.model.class_prior import ClassPrior
 
@@ -64,7 +64,7 @@ def drawn_deflections(prior: ClassPrior, per_stiffness: Float, axes: tuple[int, 
     """Deflections of robots of a class.
 
     Args:
-        per_stiffness: (n, axes, 3) N m2/rad, see :func:`counterflex.robot.elasticity.axis_springs.axis_deflections`.
+        per_stiffness: (n, axes, 3) N m2/rad, see :func:`counterflex.robot.elasticity.chain.axis_deflections`.
         axes: Numbers 0..5 of the second index.
 
     Returns:

@@ -7,7 +7,7 @@ them. At rest and linear: what it is in motion, a plan says.
   beyond its median; of an element of the file, ``STATED`` of its deflection, or its standard deviation once
   identified.
 - Stiffness of a spindle, bracket or holder that states no compliance: the whole deflection by published ones
-  (:mod:`counterflex.robot.model.end_effector_prior`). It is planned as rigid.
+  (:mod:`counterflex.robot.model.class_prior`). It is planned as rigid.
 - Cutting force: :data:`HANDBOOK` of the deflection, and up to :data:`WORN` more of a worn tool, until constants are
   identified.
 - Play and friction: of an axis without ``[[robot.play]]``, what a robot of the class loses beyond what the plan takes
@@ -32,10 +32,9 @@ from counterflex.core.units import MM, MRAD
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import axis_names, prior_of
 from counterflex.robot.elasticity import play
-from counterflex.robot.elasticity.axis_springs import axis_deflections
-from counterflex.robot.elasticity.chain import frames, jacobian
+from counterflex.robot.elasticity.chain import axis_deflections, frames, jacobian
 from counterflex.robot.elasticity.compliance import shares
-from counterflex.robot.model import end_effector_prior
+from counterflex.robot.model import class_prior as end_effector_prior
 from counterflex.robot.model.class_prior import HALF_BAND_RAD, arm_over_axis, drawn_play
 
 HANDBOOK: Final = 0.3
@@ -49,13 +48,11 @@ _FORCE_SEED: Final = 1001
 _PLAY_SEED: Final = 1002
 _WEAR_SEED: Final = 1003
 _END_EFFECTOR_SEED: Final = 1004
-_SIGN_SEED: Final = 1005
-"""Of the random numbers; elements have that of their number."""
+_SIGN_SEED: Final = 1005  # Of the random numbers; elements have that of their number
 _PULLS: Final = "stiffness --propose 30"
 _PLAY: Final = "play --propose 24"
 _TYPICAL: Final = "typical of the class"
-_COUNT: Final = 20
-"""Measurements that are proposed where a recipe asks for no number of its own."""
+_COUNT: Final = 20  # Measurements that are proposed where a recipe asks for no number of its own
 
 
 @dataclass(frozen=True)
@@ -77,6 +74,22 @@ class DisplacementSource:
     displacements: Float | None  # (draws, n, 3) m, base axes, left uncorrected; None where that cannot be said at rest
     recipe: str
 
+    @classmethod
+    def of_force(cls, cell: Cell, points: CutPoints) -> DisplacementSource:
+        """Constants of the material: they scale every deflection."""
+        known = any(entry.recipe in ("cutting", "first_cut") for entry in cell.tables.identified)
+        whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1, keepdims=True)
+        if cell.unknown_axes and not why_no_prior(cell):
+            k = prior_of(cell.nominal_robot, cell.tables.robot).median_nm_per_rad[list(cell.unknown_axes)]
+            per_stiffness = axis_deflections(cell.chain, points.q, points.w_tcp_base, cell.unknown_axes)
+            whole += np.sum(per_stiffness / k[:, None], axis=1, keepdims=True)
+        if known:
+            d = _scaled(whole, np.array([IDENTIFIED]), _FORCE_SEED)
+            return cls("cutting force", "identified", d, "cutting --propose 12")
+        wear = np.random.default_rng(_WEAR_SEED).uniform(0.0, WORN, (_DRAWS, 1, 1))
+        d = (1.0 + wear) * _scaled(whole, np.array([HANDBOOK]), _FORCE_SEED) + wear * whole[:, 0]
+        return cls("cutting force", "handbook constants", d, "cutting --propose 12")
+
 
 def unknowns(cell: Cell, points: CutPoints) -> list[CellUnknown]:
     """Everything that is not known of a cell, the most expensive first."""
@@ -95,7 +108,7 @@ def unknowns(cell: Cell, points: CutPoints) -> list[CellUnknown]:
 def sources(cell: Cell, points: CutPoints, *, planned: bool = True) -> list[DisplacementSource]:
     """Everything that is not known of a cell, each drawn by itself; ``planned``: a plan takes what the class loses."""
     listed = [*_axes_of_the_class(cell, points), *_unknown_end_effector(cell, points), *_stated(cell, points)]
-    listed.append(_force(cell, points))
+    listed.append(DisplacementSource.of_force(cell, points))
     listed += [*_play(cell, points, planned=planned), *_identified_play(cell, points)]
     given = cell.class_drives
     if cell.chain.servo is None:
@@ -217,22 +230,6 @@ def _stated(cell: Cell, points: CutPoints) -> list[DisplacementSource]:
         d = _scaled(parts[:, elements], sigma, elements[0])
         out.append(DisplacementSource(f"stiffness of the {where}", known, d, _PULLS))
     return out
-
-
-def _force(cell: Cell, points: CutPoints) -> DisplacementSource:
-    """Constants of the material: they scale every deflection."""
-    known = any(entry.recipe in ("cutting", "first_cut") for entry in cell.tables.identified)
-    whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1, keepdims=True)
-    if cell.unknown_axes and not why_no_prior(cell):
-        k = prior_of(cell.nominal_robot, cell.tables.robot).median_nm_per_rad[list(cell.unknown_axes)]
-        per_stiffness = axis_deflections(cell.chain, points.q, points.w_tcp_base, cell.unknown_axes)
-        whole += np.sum(per_stiffness / k[:, None], axis=1, keepdims=True)
-    if known:
-        d = _scaled(whole, np.array([IDENTIFIED]), _FORCE_SEED)
-        return DisplacementSource("cutting force", "identified", d, "cutting --propose 12")
-    wear = np.random.default_rng(_WEAR_SEED).uniform(0.0, WORN, (_DRAWS, 1, 1))
-    d = (1.0 + wear) * _scaled(whole, np.array([HANDBOOK]), _FORCE_SEED) + wear * whole[:, 0]
-    return DisplacementSource("cutting force", "handbook constants", d, "cutting --propose 12")
 
 
 def _play(cell: Cell, points: CutPoints, *, planned: bool) -> list[DisplacementSource]:

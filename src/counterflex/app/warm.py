@@ -30,8 +30,7 @@ _COST_S: Final = {
 }
 """Processor time of the modules that take longest, s: they begin first, so that none is left over when all others have
 ended, and the time left is told by their weight."""
-_OTHERS_S: Final = 2.5
-"""Of any other module."""
+_OTHERS_S: Final = 2.5  # Of any other module
 
 
 @dataclass(frozen=True)

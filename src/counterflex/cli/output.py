@@ -9,15 +9,93 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Annotated, Any, Final, TextIO
 
-from counterflex.cli.printed import below, everything_is_text
+from counterflex.cli.arguments import address, option
 from counterflex.core.errors import InputError, Interrupted
 from counterflex.core.meter import Meter, duration
 from counterflex.core.output_place import is_printed
 from counterflex.core.printable import printable
 from counterflex.core.progress import Progress
 from counterflex.core.remarks import shown
+
+Layers = Annotated[
+    list[str] | None,
+    option(
+        "--scenario -s",
+        "What is set once for a trial, repeatable, the later one wins: a file, a name out of `twin scenarios`, or "
+        "TABLE.KEY=VALUE.",
+        metavar="SCENARIO",
+    ),
+]
+
+
+def host_port(text: str | None) -> tuple[str, int] | None:
+    """Host and port of an address of the scenario, or None."""
+    return None if text is None else address(text, "--scenario")
+
+
+EXPECTED_UM: Final = "expected um"
+"""Column of medians with the range of nine of ten such cells."""
+MODEL: Final = "model without its unknowns"
+MODEL_UM: Final = f"{MODEL} um"
+"""Column of what the cell file alone predicts."""
+EXPECTED_NOTE: Final = "Expected: median and range of nine of ten such cells; the model is without their unknowns."
+MODEL_NOTE: Final = (
+    "Model without its unknowns: stiffness, force constants, play and drives as the cell file has them; cell check "
+    "says what each can cost."
+)
+
+
+def expected_text(row: Mapping[str, Any]) -> str:
+    """``950 (610 to 1480)`` of a row of a summary; ``not counted`` where its unknowns were not drawn."""
+    if row["expected_um"] is None:
+        return "not counted"
+    median, low, high = row["expected_um"]
+    return f"{median:.0f} ({low:.0f} to {high:.0f})"
+
+
+class Printed:
+    """A stream that shows control characters instead of passing them on; all else is that of the stream below."""
+
+    def __init__(self, below: TextIO) -> None:
+        self.below = below  # The stream itself, for what draws tables and progress bars: it has escaped names before
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        self.below.write(printable(text))
+        return len(text)
+
+    def writelines(self, lines: Any) -> None:
+        """Write several texts."""
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.below, name)
+
+
+@contextlib.contextmanager
+def everything_is_text() -> Iterator[None]:
+    """Let standard output and standard error show control characters while the block runs."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = Printed(before[0]), Printed(before[1])
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+def print_fault(kind: type[BaseException], fault: BaseException, trace: TracebackType | None) -> None:
+    """Print the traceback of a fault of the program as text, as the hook of the interpreter."""
+    with everything_is_text():
+        sys.__excepthook__(kind, fault, trace)
+
+
+def below(stream: TextIO) -> TextIO:
+    """Return the stream itself."""
+    return stream.below if isinstance(stream, Printed) else stream
 
 
 def print_json(data: Any) -> None:

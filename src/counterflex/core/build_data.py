@@ -7,8 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Final
 
-_BUILT: Final = "commit.txt"
-"""Written into wheel and source distribution by ``tools/build_commit.py``."""
+_BUILT: Final = "commit.txt"  # Written into wheel and source distribution by ``tools/build_commit.py``
 _DIGITS: Final = 12
 
 

@@ -8,8 +8,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Final
 
-_KERNELS: Final = "counterflex.core.compiled"
-"""Module that the first call of a kernel imports, and nothing else does."""
+_KERNELS: Final = "counterflex.core.compiled"  # Module that the first call of a kernel imports, and nothing else does
 
 
 class _BeforeKernels:

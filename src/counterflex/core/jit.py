@@ -232,8 +232,7 @@ def few_calls(few: bool = True) -> Iterator[None]:
         Kernel.plain = before
 
 
-_ENTRIES: Final[list[Kernel]] = []
-"""Entry points of the modules imported so far."""
+_ENTRIES: Final[list[Kernel]] = []  # Entry points of the modules imported so far
 
 
 def thread_count() -> int:

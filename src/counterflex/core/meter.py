@@ -14,20 +14,15 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Final
 
-_RECENT: Final = 0.3
-"""Share of the time of a part so far that counts as recent."""
-_SPACING: Final = 0.0025
-"""Least distance between two fractions that are remembered."""
-_FIRST: Final = 0.01
-"""Below this fraction nothing is said about the time left."""
+_RECENT: Final = 0.3  # Share of the time of a part so far that counts as recent
+_SPACING: Final = 0.0025  # Least distance between two fractions that are remembered
+_FIRST: Final = 0.01  # Below this fraction nothing is said about the time left
 _ALONE: Final = 0.1
 """Below this fraction nothing is said after a single report: its time is that of starting, for the most part."""
-_SURE: Final = 0.05
-"""A part of this share of the work counts half as much as a very long one for what is learned."""
+_SURE: Final = 0.05  # A part of this share of the work counts half as much as a very long one for what is learned
 _OWN: Final = 0.1
 """When this share of a part is done, or as much as all others, half of its rest is told by its own rate."""
-_ODD: Final = 4.0
-"""A part is taken to be faster or slower than the typical one by this factor at most."""
+_ODD: Final = 4.0  # A part is taken to be faster or slower than the typical one by this factor at most
 _SKIPPED: Final = 0.1
 """A part faster than this share of the typical rate had nothing to do, and says nothing of the others."""
 _STANDS: Final = 1.25

@@ -44,8 +44,7 @@ _LOCK: Final = "lock"
 _WAIT_S: Final = 10.0
 """Longest wait for a process that moves files; it takes milliseconds, and seconds on a slow network disk."""
 _LOOK_S: Final = 0.01
-_TRIES: Final = 20
-"""Other commands that may be faster, one after the other."""
+_TRIES: Final = 20  # Other commands that may be faster, one after the other
 
 
 def sync_file(path: Path) -> None:

@@ -35,8 +35,7 @@ def with_interval(value: Mapping[str, Any] | float | None, digits: int = 1) -> s
 
 
 Name = TypeVar("Name", bound=Hashable)
-_LEAST_LETTERS: Final = 3
-"""A shorter text is part of too many names."""
+_LEAST_LETTERS: Final = 3  # A shorter text is part of too many names
 
 
 def twice(names: Sequence[Name]) -> Name | None:

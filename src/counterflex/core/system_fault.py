@@ -17,8 +17,7 @@ FULL: Final = frozenset(
 )
 """Numbers of a disk or a pipe that takes no more."""
 _RUST: Final = re.compile(r"\(os error (\d+)\)")
-_MOST_LINKS: Final = 20
-"""Exceptions of one chain that are looked at; a chain may be a circle."""
+_MOST_LINKS: Final = 20  # Exceptions of one chain that are looked at; a chain may be a circle
 
 
 def system_fault(fault: BaseException) -> OSError | None:

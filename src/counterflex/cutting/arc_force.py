@@ -99,37 +99,37 @@ class TermForce:
     by_entry: Float  # (n, 3, 3) by the entry angle, 1/rad
     by_exit: Float  # (n, 3, 3) by the exit angle, 1/rad
 
+    @classmethod
+    def of(cls, cuts: ArcCuts, exponent: float) -> TermForce:
+        """Mean force of a power term ``k h^p`` over a revolution, per unit constant.
 
-def term_force(cuts: ArcCuts, exponent: float) -> TermForce:
-    """Mean force of a power term ``k h^p`` over a revolution, per unit constant.
+        Args:
+            exponent: p, >= 0 (1 - m of Kienzle's law; 0 for an edge force).
 
-    Args:
-        exponent: p, >= 0 (1 - m of Kienzle's law; 0 for an edge force).
-
-    Raises:
-        InputError: The exponent is negative.
-    """
-    p = float(exponent)
-    if not p >= 0.0:
-        raise InputError("exponent of a power term is out of range", value=exponent, limit=">= 0")
-    cutter = cuts.cutter
-    unit = cutter.flutes / (2.0 * math.pi)
-    feed = cuts.feed_tooth_m
-    J, dJ = _arc_integrals(p, cuts.entry_rad, cuts.exit_rad)
-    ends = [_integrand(p, angle) for angle in (cuts.entry_rad, cuts.exit_rad)]
-    levels = _levels(cutter, p)
-    height = np.clip(np.minimum(levels.upper, cuts.depth_m[:, None]) - levels.lower, 0.0, None)
-    # More depth lengthens only the level in which the cut ends; on a boundary that is the level above it.
-    growing = ((cuts.depth_m[:, None] >= levels.lower) & (cuts.depth_m[:, None] < levels.upper)).astype(np.float64)
-    scale = unit * feed[:, None] ** p * levels.sine_p / levels.sine
-    by_p = np.log(feed)[:, None] + levels.sine_p_slope / levels.sine_p
-    mapped = partial(_mapped, levels)
-    value = mapped(scale * height, J)
-    by_exponent = mapped(scale * height, dJ) + mapped(scale * height * by_p, J)
-    by_depth = mapped(scale * growing, J)
-    by_entry, by_exit = -mapped(scale * height, ends[0]), mapped(scale * height, ends[1])
-    _add_end_face(cuts, p, value, by_exponent, by_entry, by_exit)
-    return TermForce(value, by_exponent, by_depth, by_entry, by_exit)
+        Raises:
+            InputError: The exponent is negative.
+        """
+        p = float(exponent)
+        if not p >= 0.0:
+            raise InputError("exponent of a power term is out of range", value=exponent, limit=">= 0")
+        cutter = cuts.cutter
+        unit = cutter.flutes / (2.0 * math.pi)
+        feed = cuts.feed_tooth_m
+        J, dJ = _arc_integrals(p, cuts.entry_rad, cuts.exit_rad)
+        ends = [_integrand(p, angle) for angle in (cuts.entry_rad, cuts.exit_rad)]
+        levels = _Levels.of(cutter, p)
+        height = np.clip(np.minimum(levels.upper, cuts.depth_m[:, None]) - levels.lower, 0.0, None)
+        # More depth lengthens only the level in which the cut ends; on a boundary that is the level above it.
+        growing = ((cuts.depth_m[:, None] >= levels.lower) & (cuts.depth_m[:, None] < levels.upper)).astype(np.float64)
+        scale = unit * feed[:, None] ** p * levels.sine_p / levels.sine
+        by_p = np.log(feed)[:, None] + levels.sine_p_slope / levels.sine_p
+        mapped = partial(_mapped, levels)
+        value = mapped(scale * height, J)
+        by_exponent = mapped(scale * height, dJ) + mapped(scale * height * by_p, J)
+        by_depth = mapped(scale * growing, J)
+        by_entry, by_exit = -mapped(scale * height, ends[0]), mapped(scale * height, ends[1])
+        _add_end_face(cuts, p, value, by_exponent, by_entry, by_exit)
+        return cls(value, by_exponent, by_depth, by_entry, by_exit)
 
 
 def _mapped(levels: _Levels, weight: Float, integrals: Float) -> Float:
@@ -176,28 +176,29 @@ class _Levels:
     sine_p: Float
     sine_p_slope: Float
 
-
-def _levels(cutter: Cutter, p: float) -> _Levels:
-    bounds = cutter.levels()
-    n = len(bounds) - 1
-    sine, cosine, sine_p, slope = np.ones(n), np.zeros(n), np.ones(n), np.zeros(n)
-    # The cylinder ends with the flutes. A corner higher than them keeps its levels, so that bounds still rise.
-    upper = np.minimum(bounds[1:], max(cutter.flute_length_m, float(bounds[-2])))
-    t, w = _LEVEL_NODES, _LEVEL_WEIGHTS
-    for i, (z0, z1) in enumerate(itertools.pairwise(bounds)):
-        if z0 >= cutter.corner_radius_m * (1.0 - 1e-12):
-            continue
-        k0 = math.acos(1.0 - z0 / cutter.corner_radius_m)
-        k1 = math.acos(max(1.0 - z1 / cutter.corner_radius_m, 0.0))
-        span = k1 - k0
-        sine[i] = (math.cos(k0) - math.cos(k1)) / span
-        cosine[i] = (math.sin(k1) - math.sin(k0)) / span
-        step = 0.25 * (2.0 + 3.0 * t - t**3)  # graded towards both ends
-        kappa = np.sin(k0 + span * step)
-        weight = 0.75 * (1.0 - t * t) * w
-        power = kappa**p
-        sine_p[i], slope[i] = float(weight @ power), float(weight @ (power * np.log(kappa)))
-    return _Levels(bounds[:-1], upper, sine, cosine, sine_p, slope)
+    @classmethod
+    def of(cls, cutter: Cutter, p: float) -> _Levels:
+        """Heights that divide the flutes, and what is engaged between them."""
+        bounds = cutter.levels()
+        n = len(bounds) - 1
+        sine, cosine, sine_p, slope = np.ones(n), np.zeros(n), np.ones(n), np.zeros(n)
+        # The cylinder ends with the flutes. A corner higher than them keeps its levels, so that bounds still rise.
+        upper = np.minimum(bounds[1:], max(cutter.flute_length_m, float(bounds[-2])))
+        t, w = _LEVEL_NODES, _LEVEL_WEIGHTS
+        for i, (z0, z1) in enumerate(itertools.pairwise(bounds)):
+            if z0 >= cutter.corner_radius_m * (1.0 - 1e-12):
+                continue
+            k0 = math.acos(1.0 - z0 / cutter.corner_radius_m)
+            k1 = math.acos(max(1.0 - z1 / cutter.corner_radius_m, 0.0))
+            span = k1 - k0
+            sine[i] = (math.cos(k0) - math.cos(k1)) / span
+            cosine[i] = (math.sin(k1) - math.sin(k0)) / span
+            step = 0.25 * (2.0 + 3.0 * t - t**3)  # graded towards both ends
+            kappa = np.sin(k0 + span * step)
+            weight = 0.75 * (1.0 - t * t) * w
+            power = kappa**p
+            sine_p[i], slope[i] = float(weight @ power), float(weight @ (power * np.log(kappa)))
+        return cls(bounds[:-1], upper, sine, cosine, sine_p, slope)
 
 
 def _integrand(p: float, phi: Float) -> Float:

@@ -14,7 +14,7 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.feature_finding import CircularPocket, Feature, Groove
 from counterflex.evaluate.floor_filter import FloorMap
-from counterflex.evaluate.iso230.circularity import circularity
+from counterflex.evaluate.iso230.circular_test import Circularity
 from counterflex.evaluate.measured_values import (
     OWN_FLOOR_M,
     MeasurablePart,
@@ -114,7 +114,7 @@ class FeatureRow:
 
 @dataclass(frozen=True)
 class Machined:
-    """One machining: its height map, and the tool path as it really ran (see :func:`.surface_deviation`)."""
+    """One machining: its height map, and the tool path as it really ran (see :meth:`.SurfaceDeviation.of`)."""
 
     actual: HeightMap
     p_part_actual: Float
@@ -265,7 +265,7 @@ def _pocket(
         wall = place[good][hit] + reached[hit, None] * ray[good][hit]
         if len(wall) < 45:
             continue
-        circle = circularity(wall, pocket.centre, radius)
+        circle = Circularity.of(wall, pocket.centre, radius)
         diameter[name] = np.array([2.0 * circle.radius_m])
         round_[name] = np.array([circle.g_m])
         centre[name] = np.array([float(np.hypot(*circle.centre_offset_m))])

@@ -22,8 +22,7 @@ from counterflex.core.units import MS
 
 _WIDTH: Final = math.log(1.01)
 _LEAST: Final = 1e-2
-_CLASSES: Final = 2084
-"""Up to 1e7 times the unit of the least class."""
+_CLASSES: Final = 2084  # Up to 1e7 times the unit of the least class
 
 
 class LatencyHistogram:
@@ -131,24 +130,24 @@ class Percentiles:
     max_s: float  # largest
     n: int  # values
 
+    @classmethod
+    def of(cls, time_s: Float) -> Percentiles:
+        """Percentiles of times: the smallest value met that at least the share of all values does not exceed.
 
-def percentiles(time_s: Float) -> Percentiles:
-    """Percentiles of times: the smallest value met that at least the share of all values does not exceed.
+        Args:
+            time_s: (n,) s; not-a-number counts as infinite (an answer that never came).
 
-    Args:
-        time_s: (n,) s; not-a-number counts as infinite (an answer that never came).
-
-    Raises:
-        InputError: No value, or another shape.
-    """
-    values = np.array(time_s, dtype=np.float64)
-    if values.ndim != 1 or len(values) == 0:
-        raise InputError("times to judge", value=values.shape, limit="(n,), n >= 1")
-    values = np.sort(np.where(np.isnan(values), np.inf, values))
-    n = len(values)
-    at = [min(n, max(1, math.ceil(fraction * n - 1e-9))) - 1 for fraction in (0.5, 0.99, 0.999)]
-    p50, p99, p999 = values[at].tolist()
-    return Percentiles(p50, p99, p999, float(values[-1]), n)
+        Raises:
+            InputError: No value, or another shape.
+        """
+        values = np.array(time_s, dtype=np.float64)
+        if values.ndim != 1 or len(values) == 0:
+            raise InputError("times to judge", value=values.shape, limit="(n,), n >= 1")
+        values = np.sort(np.where(np.isnan(values), np.inf, values))
+        n = len(values)
+        at = [min(n, max(1, math.ceil(fraction * n - 1e-9))) - 1 for fraction in (0.5, 0.99, 0.999)]
+        p50, p99, p999 = values[at].tolist()
+        return cls(p50, p99, p999, float(values[-1]), n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +197,7 @@ def judge(samples: LoopSamples) -> Judgement:
     late, compute = (as_float(name, getattr(samples, name), (n,)) for name in ("late_s", "compute_s"))
     if samples.echo_s.shape != (n,):
         raise InputError("echo_s has the wrong shape", value=samples.echo_s.shape, limit=(n,))
-    reply = percentiles(samples.reply_s)
+    reply = Percentiles.of(samples.reply_s)
     budget = SHARE * period
     in_time = float(np.mean(np.nan_to_num(samples.reply_s, nan=np.inf) <= budget))
     unfit: list[str] = []
@@ -234,11 +233,13 @@ def _weaknesses(samples: LoopSamples, compute: Float, period: float) -> list[str
         results.append(f"the clock {samples.clock_source} is slow to read: see the kernel's clocksource setting")
     if samples.steal > _STEAL:
         results.append(f"the host used {samples.steal:.1%} of the time: run on a machine of its own")
-    if percentiles(compute).p99_s > _STEP * period:
-        results.append(f"the step takes up to {_ms(percentiles(compute).p99_s)} of {_ms(period)}: a faster processor")
-    if len(samples.sync_s) and percentiles(samples.sync_s).p99_s > _SLOW_SYNC_S:
+    if Percentiles.of(compute).p99_s > _STEP * period:
         results.append(
-            f"the disk of the log takes up to {_ms(percentiles(samples.sync_s).p99_s)}:"
+            f"the step takes up to {_ms(Percentiles.of(compute).p99_s)} of {_ms(period)}: a faster processor"
+        )
+    if len(samples.sync_s) and Percentiles.of(samples.sync_s).p99_s > _SLOW_SYNC_S:
+        results.append(
+            f"the disk of the log takes up to {_ms(Percentiles.of(samples.sync_s).p99_s)}:"
             " a power failure loses that much of the log; write it to a faster disk"
         )
     return results
@@ -251,7 +252,7 @@ def _slowest(late: Float, compute: Float, echo: Float) -> str:
         "the step itself (a faster processor, or its clock is lowered)": compute,
         "the network stack or the other process (take other load off the machine)": echo,
     }
-    return "most of it " + max(parts, key=lambda name: percentiles(parts[name]).p999_s)
+    return "most of it " + max(parts, key=lambda name: Percentiles.of(parts[name]).p999_s)
 
 
 def _ms(time_s: float) -> str:

@@ -11,7 +11,7 @@ from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.evaluate import path_matching
-from counterflex.evaluate.figures import DeviationFigures, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures
 from counterflex.path import FEED, ToolPath
 
 BRIDGE_M = 1.0 * MM  # a shorter break of contact does not end a stretch
@@ -138,6 +138,34 @@ class PathFigures:
     along: DeviationFigures  # lag or lead along the feed while cutting; reported, never counted as path error
     at_p_m: float  # path accuracy of ISO 9283 for one cycle: largest distance over all feed motion, contact or not
 
+    @classmethod
+    def of(cls, deviation: PathDeviation) -> PathFigures:
+        """Figures of one machined path; every station weighs its spacing.
+
+        Example:
+            >>> import numpy as np
+            >>> from counterflex.path import FEED, ToolPath
+            >>> x = np.linspace(0.0, 0.1, 11)
+            >>> line = np.stack([x, 0 * x, 0 * x], axis=1)
+            >>> column = np.full(11, 1)
+            >>> up = np.tile([0.0, 0.0, 1.0], (11, 1))
+            >>> nominal = ToolPath(line, up, column * FEED, column * 0.025, column * 1.0, x / 0.025, column, column)
+            >>> found = path_deviation(nominal, x / 0.025, line + [0, 2e-4, 0], np.ones(11, dtype=bool), 8e-3)
+            >>> round(PathFigures.of(found).path.max_m * 1e3, 6)
+            0.2
+        """
+        size, h = deviation.across_m, deviation.spacing_m
+        plateau = deviation.cutting & ~deviation.entry & ~deviation.exit
+        return cls(
+            path=DeviationFigures.weighted(size[deviation.cutting], h),
+            entry=DeviationFigures.weighted(size[deviation.entry], h),
+            exit=DeviationFigures.weighted(size[deviation.exit], h),
+            plateau=DeviationFigures.weighted(size[plateau], h),
+            air=DeviationFigures.weighted(size[deviation.air], h),
+            along=DeviationFigures.weighted(deviation.along_m[deviation.cutting], h),
+            at_p_m=DeviationFigures.weighted(size[deviation.cutting | deviation.air], h).max_m,
+        )
+
 
 def path_deviation(
     nominal: ToolPath,
@@ -240,34 +268,6 @@ def path_deviation(
         exit=exit_ & cutting,
         air=feed[seg] & ~touching & (np.linalg.norm(dev, axis=1) <= LOST_M),
         broken=broken,
-    )
-
-
-def path_figures(deviation: PathDeviation) -> PathFigures:
-    """The figures of one machined path (see :class:`PathFigures`); every station weighs its spacing.
-
-    Example:
-        >>> import numpy as np
-        >>> from counterflex.path import FEED, ToolPath
-        >>> x = np.linspace(0.0, 0.1, 11)
-        >>> line = np.stack([x, 0 * x, 0 * x], axis=1)
-        >>> column = np.full(11, 1)
-        >>> up = np.tile([0.0, 0.0, 1.0], (11, 1))
-        >>> nominal = ToolPath(line, up, column * FEED, column * 0.025, column * 1.0, x / 0.025, column, column)
-        >>> found = path_deviation(nominal, x / 0.025, line + [0, 2e-4, 0], np.ones(11, dtype=bool), 8e-3)
-        >>> round(path_figures(found).path.max_m * 1e3, 6)
-        0.2
-    """
-    size, h = deviation.across_m, deviation.spacing_m
-    plateau = deviation.cutting & ~deviation.entry & ~deviation.exit
-    return PathFigures(
-        path=weighted_figures(size[deviation.cutting], h),
-        entry=weighted_figures(size[deviation.entry], h),
-        exit=weighted_figures(size[deviation.exit], h),
-        plateau=weighted_figures(size[plateau], h),
-        air=weighted_figures(size[deviation.air], h),
-        along=weighted_figures(deviation.along_m[deviation.cutting], h),
-        at_p_m=weighted_figures(size[deviation.cutting | deviation.air], h).max_m,
     )
 
 

@@ -54,12 +54,9 @@ def trend(values: Sequence[float | None]) -> Trend | None:
     return Trend(n, mean, slope, sigma * float(scipy.special.stdtrit(n - 2, 0.975)))
 
 
-_BASE: Final = 10
-"""Cycles to both sides over which the direction of the feed is taken."""
-_STANDS_M_S: Final = 1e-3
-"""Below this speed of the commanded point the direction of the feed is the last one."""
-_LEAST_N: Final = 50.0
-"""Force that counts as a cut where no plan says where it cuts."""
+_BASE: Final = 10  # Cycles to both sides over which the direction of the feed is taken
+_STANDS_M_S: Final = 1e-3  # Below this speed of the commanded point the direction of the feed is the last one
+_LEAST_N: Final = 50.0  # Force that counts as a cut where no plan says where it cuts
 SHARE: Final = 0.997
 _NEEDED: Final = (
     *("received_ns", "path_m", "cutting", "out_state", "w_good", "force_ratio", "flag_tracker_new"),

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
-from counterflex.evaluate.loop_timing import LatencyHistogram, Percentiles, percentiles
+from counterflex.evaluate.loop_timing import LatencyHistogram, Percentiles
 from counterflex.evaluate.missing_cycles import MissingCycles, MissingFinder
 from counterflex.evaluate.process_record import ProcessFigures, ProcessRecord
 from counterflex.runtime import record_ring as record
@@ -281,7 +281,7 @@ class RunRecord:
         """Of the times to answer: exact where all records were taken, else at most one percent above one that was."""
         if self._classes is None:
             reply = np.concatenate(self._reply) if self._reply else np.zeros(0)
-            return percentiles(reply) if len(reply) else None
+            return Percentiles.of(reply) if len(reply) else None
         classes = LatencyHistogram()
         classes.join(self.sums()["reply"])
         return classes.percentiles(UM) if classes.n else None

@@ -17,7 +17,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.figures import DeviationFigures, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures
 from counterflex.evaluate.swept_section import SweptSection, swept_section
 
 CHANGED_M = 1.0 * UM  # a cell lowered by less was not machined
@@ -68,6 +68,55 @@ class SurfaceDeviation:
     wall_resolution_m: float
     wall_lost_m2: float  # wall area with no result: shifted beyond the reach, or cut away from another side
 
+    @classmethod
+    def of(
+        cls,
+        surface: NominalSurface,
+        actual: HeightMap,
+        p_part_actual: Float,
+        joined: Bool | None = None,
+        outline: Float | None = None,
+    ) -> SurfaceDeviation:
+        """Compare a machined part with the nominal surface.
+
+        Args:
+            surface: From :func:`nominal_surface`.
+            actual: Map as machined; same grid.
+            p_part_actual: (n, 3) m, path of the tool tip as it really ran, dense enough that chords are as good as the
+                path (the stations of :class:`~counterflex.evaluate.PathDeviation` are).
+            joined: (n,) False where a sample does not continue the one before, or None.
+            outline: (n, 2) m, radius and corner radius of the tool at each sample; None: of the one tool.
+
+        Raises:
+            InputError: Grids differ, or values are not finite.
+        """
+        floor: Float32 = floor_rise(surface, actual) * surface.normal_z
+        wall = np.full(len(surface.wall_point), np.nan)
+        if len(wall):
+            section = swept_section(
+                p_part_actual, surface.cutter if outline is None else outline, surface.reach_m, joined
+            )
+            inside = min(surface.reach_m, float(np.min(section.radius_m, initial=surface.cutter.radius_m)))
+            reached, _ = section.wall_exit(surface.wall_point, surface.wall_normal, inside)
+            wall = np.where(np.isfinite(reached), -reached, np.nan)
+            above = _material_above(actual, surface, section)
+            wall = np.where((wall > 0.0) & (above > 0.0), np.minimum(wall, above), wall)
+        cells: Float = floor[~np.isnan(floor)].astype(np.float64)
+        result = ~np.isnan(wall)
+        cell_area = np.full(len(cells), actual.cell_m**2)
+        return cls(
+            floor_m=floor,
+            wall_m=wall,
+            surface=DeviationFigures.weighted(
+                np.concatenate([cells, wall[result]]), np.concatenate([cell_area, surface.wall_area_m2[result]])
+            ),
+            floor=DeviationFigures.weighted(cells, cell_area),
+            wall=DeviationFigures.weighted(wall[result], surface.wall_area_m2[result]),
+            floor_resolution_m=actual.cell_m,
+            wall_resolution_m=0.1 * UM,
+            wall_lost_m2=float(surface.wall_area_m2[~result].sum()),
+        )
+
 
 def nominal_surface(
     stock: HeightMap,
@@ -113,52 +162,6 @@ def nominal_surface(
     point, normal, area = _walls(nominal, machined, p_part_tcp, cutter if outline is None else outline, step, pitch)
     floor: Bool = machined & (foot == 0.0) & (edge == 0.0)
     return NominalSurface(stock, nominal, cutter, floor, normal_z, rise, fall, point, normal, area, reach)
-
-
-def surface_deviation(
-    surface: NominalSurface,
-    actual: HeightMap,
-    p_part_actual: Float,
-    joined: Bool | None = None,
-    outline: Float | None = None,
-) -> SurfaceDeviation:
-    """Compare a machined part with the nominal surface.
-
-    Args:
-        surface: From :func:`nominal_surface`.
-        actual: Map as machined; same grid.
-        p_part_actual: (n, 3) m, path of the tool tip as it really ran, dense enough that chords are as good as the
-            path (the stations of :class:`~counterflex.evaluate.PathDeviation` are).
-        joined: (n,) False where a sample does not continue the one before, or None.
-        outline: (n, 2) m, radius and corner radius of the tool at each sample; None: of the one tool.
-
-    Raises:
-        InputError: Grids differ, or values are not finite.
-    """
-    floor: Float32 = floor_rise(surface, actual) * surface.normal_z
-    wall = np.full(len(surface.wall_point), np.nan)
-    if len(wall):
-        section = swept_section(p_part_actual, surface.cutter if outline is None else outline, surface.reach_m, joined)
-        inside = min(surface.reach_m, float(np.min(section.radius_m, initial=surface.cutter.radius_m)))
-        reached, _ = section.wall_exit(surface.wall_point, surface.wall_normal, inside)
-        wall = np.where(np.isfinite(reached), -reached, np.nan)
-        above = _material_above(actual, surface, section)
-        wall = np.where((wall > 0.0) & (above > 0.0), np.minimum(wall, above), wall)
-    cells: Float = floor[~np.isnan(floor)].astype(np.float64)
-    result = ~np.isnan(wall)
-    cell_area = np.full(len(cells), actual.cell_m**2)
-    return SurfaceDeviation(
-        floor_m=floor,
-        wall_m=wall,
-        surface=weighted_figures(
-            np.concatenate([cells, wall[result]]), np.concatenate([cell_area, surface.wall_area_m2[result]])
-        ),
-        floor=weighted_figures(cells, cell_area),
-        wall=weighted_figures(wall[result], surface.wall_area_m2[result]),
-        floor_resolution_m=actual.cell_m,
-        wall_resolution_m=0.1 * UM,
-        wall_lost_m2=float(surface.wall_area_m2[~result].sum()),
-    )
 
 
 def floor_rise(surface: NominalSurface, actual: HeightMap) -> Float32:

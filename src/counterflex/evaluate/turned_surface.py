@@ -17,7 +17,7 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import UM
 from counterflex.cutting.tridexel.cut_log import CutLog
 from counterflex.cutting.tridexel.surface import Surface
-from counterflex.evaluate.figures import DeviationFigures, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures
 
 JUDGED_POINTS: Final = 20_000
 """Points that a part is judged at, at most; of more every second, third ... is taken."""
@@ -43,7 +43,7 @@ class TurnedSurface:
         deviation = swept.distance(self.points)
         known = ~np.isnan(deviation)
         all_of, floor, wall = (
-            weighted_figures(deviation[known & which], self.area_m2[known & which])
+            DeviationFigures.weighted(deviation[known & which], self.area_m2[known & which])
             for which in (known, ~self.wall, self.wall)
         )
         lost = float(self.area_m2[~known].sum())

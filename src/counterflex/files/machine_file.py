@@ -31,6 +31,23 @@ class StoredVerdict:
     budget_s: float
     reasons: tuple[str, ...]
 
+    @classmethod
+    def of(cls, data: dict[str, Any]) -> StoredVerdict:
+        """Build from what the file holds."""
+        date = datetime.fromisoformat(str(data["date"]))
+        if date.tzinfo is None or not isinstance(data["fits"], bool):
+            raise ValueError("date")
+        return cls(
+            host=str(data["host"]),
+            kernel=str(data["kernel"]),
+            date=date,
+            verdict=str(data["verdict"]),
+            fits=data["fits"],
+            p999_s=None if data["p999_s"] is None else float(data["p999_s"]),
+            budget_s=float(data["budget_s"]),
+            reasons=tuple(str(reason) for reason in data["reasons"]),
+        )
+
 
 def machine_file() -> Path:
     """Return where the verdict on this machine is kept: ``machine.json`` in the user's folder, beside the kernels."""
@@ -77,25 +94,9 @@ def read_verdict(path: Path) -> StoredVerdict | None:
     if not isinstance(data, dict) or data.get("format") != KIND or data.get("version") != VERSION:
         raise _unusable(path)
     try:
-        return _stored(data)
+        return StoredVerdict.of(data)
     except (KeyError, TypeError, ValueError) as fault:
         raise _unusable(path) from fault
-
-
-def _stored(data: dict[str, Any]) -> StoredVerdict:
-    date = datetime.fromisoformat(str(data["date"]))
-    if date.tzinfo is None or not isinstance(data["fits"], bool):
-        raise ValueError("date")
-    return StoredVerdict(
-        host=str(data["host"]),
-        kernel=str(data["kernel"]),
-        date=date,
-        verdict=str(data["verdict"]),
-        fits=data["fits"],
-        p999_s=None if data["p999_s"] is None else float(data["p999_s"]),
-        budget_s=float(data["budget_s"]),
-        reasons=tuple(str(reason) for reason in data["reasons"]),
-    )
 
 
 def _unusable(path: Path) -> FileFormatError:

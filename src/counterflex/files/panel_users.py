@@ -13,7 +13,7 @@ from typing import Annotated, Final, Literal
 import tomli_w
 from pydantic import Field
 
-from counterflex.core import atomic, file_lock
+from counterflex.core import atomic, held
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError
 from counterflex.files.schema import Table, Versioned, check_header, parse, read_toml
 
@@ -23,8 +23,7 @@ Role = Literal["viewer", "operator"]
 LEAST: Final = 10
 """Characters of a password."""
 _MOST: Final = 256
-_N, _R, _P = 1 << 14, 8, 1
-"""Cost of scrypt (RFC 7914): 16 MB and some 50 ms a try."""
+_N, _R, _P = 1 << 14, 8, 1  # Cost of scrypt (RFC 7914): 16 MB and some 50 ms a try
 _NOBODY: Final = bytes(16)
 
 
@@ -93,7 +92,7 @@ def set_user(path: Path, name: str, role: Role, password: str) -> None:
     salt = secrets.token_bytes(16)
     one = {"name": name, "role": role, "salt": salt.hex(), "scrypt": _hash(password, salt)}
     user = parse(UserTable, one, where="user")
-    with file_lock.alone(path):
+    with held.alone(path):
         _write(path, {**(_read(path) if path.exists() else {}), name: user})
 
 
@@ -105,7 +104,7 @@ def remove_user(path: Path, name: str) -> None:
         FileFormatError: The file is none.
         OutputError: It cannot be written, or another process edits it.
     """
-    with file_lock.alone(path):
+    with held.alone(path):
         users = _read(path)
         if name not in users:
             raise InputError(

@@ -52,6 +52,23 @@ class MeasuredPart:
     datum_faces: tuple[str, ...]
     residual_um: float  # Root mean square of the distances of the scan to the datum faces after registration, um
 
+    @classmethod
+    def of(cls, about: dict[str, Any], where: str) -> MeasuredPart:
+        """The metadata of a file, checked key by key."""
+        kinds = {"program": str, "program_sha256": str, "source": str, "unit": str, "datum_faces": list}
+        for key, kind in kinds.items():
+            if not isinstance(about.get(key), kind):
+                raise FileFormatError(f"the metadata lack a valid {key}", where=where, value=repr(about.get(key))[:60])
+        residual, faces = about.get("residual_um"), about["datum_faces"]
+        if isinstance(residual, bool) or not isinstance(residual, int | float) or not residual >= 0.0:
+            raise FileFormatError(
+                "the metadata lack a valid residual_um", where=where, value=repr(residual), limit=">= 0"
+            )
+        if not all(isinstance(face, str) for face in faces):
+            raise FileFormatError("a datum face in the metadata has no name", where=where, value=repr(faces)[:60])
+        names = {key: about[key] for key in ("program", "program_sha256", "source", "unit")}
+        return cls(**names, datum_faces=tuple(faces), residual_um=float(residual))
+
 
 def write_part_deviations(path: Path, deviations: PartDeviations, part: MeasuredPart) -> None:
     """Write the deviations of a part, whole or not at all. Raises OutputError: the folder cannot be written."""
@@ -66,22 +83,7 @@ def read_part_deviations(path: Path) -> tuple[PartDeviations, MeasuredPart]:
         deviations = PartDeviations(**data)
     except InputError as fault:
         raise FileFormatError(str(fault), where=str(path)) from fault
-    return deviations, _measured_part(about, str(path))
-
-
-def _measured_part(about: dict[str, Any], where: str) -> MeasuredPart:
-    """The metadata of a file, checked key by key."""
-    kinds = {"program": str, "program_sha256": str, "source": str, "unit": str, "datum_faces": list}
-    for key, kind in kinds.items():
-        if not isinstance(about.get(key), kind):
-            raise FileFormatError(f"the metadata lack a valid {key}", where=where, value=repr(about.get(key))[:60])
-    residual, faces = about.get("residual_um"), about["datum_faces"]
-    if isinstance(residual, bool) or not isinstance(residual, int | float) or not residual >= 0.0:
-        raise FileFormatError("the metadata lack a valid residual_um", where=where, value=repr(residual), limit=">= 0")
-    if not all(isinstance(face, str) for face in faces):
-        raise FileFormatError("a datum face in the metadata has no name", where=where, value=repr(faces)[:60])
-    names = {key: about[key] for key in ("program", "program_sha256", "source", "unit")}
-    return MeasuredPart(**names, datum_faces=tuple(faces), residual_um=float(residual))
+    return deviations, MeasuredPart.of(about, str(path))
 
 
 def write_path_error(path: Path, error: MeasuredError, about: Mapping[str, Any]) -> None:

@@ -15,7 +15,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from counterflex.core import atomic, file_content, file_kind
+from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import close_to
@@ -139,7 +139,7 @@ def read_toml(path: str | Path, kind: str = "") -> dict[str, Any]:
     """
     file = Path(path)
     data = file_content.content(file)
-    foreign = file_kind.of_bytes(data)
+    foreign = file_content.of_bytes(data)
     if foreign is not None:
         raise _foreign(file, foreign, kind)
     text = file_content.decoded(data, file)
@@ -149,7 +149,7 @@ def read_toml(path: str | Path, kind: str = "") -> dict[str, Any]:
         try:
             return tomllib.loads(text)
         except tomllib.TOMLDecodeError as fault:
-            foreign = file_kind.of_text(text)
+            foreign = file_content.of_text(text)
             if foreign is not None:
                 raise _foreign(file, foreign, kind) from fault
             raise FileFormatError(f"not valid TOML: {fault}", where=str(file)) from fault

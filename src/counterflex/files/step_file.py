@@ -26,8 +26,7 @@ _COARSE: Final = 20.0
 """Doubly curved faces are meshed so many times coarser and refined here: else it takes minutes and misses the limit."""
 _BULGE: Final = 0.6
 """Largest distance of the middle of a side from the face, by that of a triangle, whose middle is further off."""
-_FINEST_MM: Final = 0.02
-"""Shorter sides stay: at a pole the middle of two parameters is not that of two points."""
+_FINEST_MM: Final = 0.02  # Shorter sides stay: at a pole the middle of two parameters is not that of two points
 _ANGLE: Final = 0.5
 _KINDS: Final = {"Plane": "plane", "Cylinder": "cylinder", "Cone": "cone", "Sphere": "sphere", "Torus": "torus"}
 _ORIENTED: Final = {"plane": ("orientation", 1.0)}

@@ -1,4 +1,9 @@
-"""``summary.json``: what a job did, in numbers, for people and programs."""
+"""``summary.json``: what a job did, in numbers, for people and programs.
+
+The record of a machined program (``counterflex-run``, version 2): one row per controller cycle, Parquet.
+
+Version 1 had no direction of the tool.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +19,18 @@ import numpy as np
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError
 from counterflex.core.moving import settle
+from counterflex.core.units import DEG, MM, URAD
 from counterflex.evaluate.summary import FORMAT, VERSION
+from counterflex.files.parquet_table import Column, columns, read, write
 from counterflex.files.schema import check_header
+from counterflex.path.toolpath import Run
 
 SUMMARY: Final = "summary.json"
 FILES: Final = "files_sha256"
 """Key of a summary: SHA-256 by name of the files that were written with it."""
 SEAL: Final = "sha256"
 """Key of a sealed file: SHA-256 over everything else in it."""
-_FORMER_LEVELS = {"same": "exact", "seeded": "catalogue"}
-"""Truth levels of version 1 and what they are called since."""
+_FORMER_LEVELS = {"same": "exact", "seeded": "catalogue"}  # Truth levels of version 1 and what they are called since
 
 
 def write_summary(path: Path, data: Mapping[str, Any]) -> None:
@@ -163,3 +170,36 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+KIND = "counterflex-run"
+RUN_VERSION = 2
+
+LAYOUT = (
+    Column("time_s", "time_s"),
+    Column("motion", "motion", whole=True),
+    Column("kind", "kind", whole=True),
+    Column("progress", "progress"),
+    *columns("command_x_mm command_y_mm command_z_mm", "p_part_command", MM),
+    *columns("x_mm y_mm z_mm", "p_part_tcp", MM),
+    *columns("tilt_rx_urad tilt_ry_urad tilt_rz_urad", "tilt_part", URAD),
+    *columns("fx_n fy_n fz_n", "force_part"),
+    *columns("mx_nm my_nm mz_nm", "moment_part"),
+    Column("force_peak_n", "force_peak_n"),
+    Column("axial_depth_mm", "depth_m", unit=MM),
+    *columns("q1_deg q2_deg q3_deg q4_deg q5_deg q6_deg", "q_motor", DEG),
+)
+AXIS = columns("axis_x axis_y axis_z", "axis_part")
+"""Direction of the tool, from the tip to the spindle: of runs that have it."""
+
+
+def write_run(path: Path, run: Run, about: Mapping[str, Any]) -> None:
+    """Write a run."""
+    write(path, KIND, RUN_VERSION, LAYOUT if run.axis_part is None else LAYOUT + AXIS, run, about)
+
+
+def read_run(path: Path) -> tuple[Run, dict[str, Any]]:
+    """Read a run and its metadata; its folder must be whole."""
+    data, about = read(path, KIND, RUN_VERSION, LAYOUT, AXIS)
+    require_whole(path.parent)
+    return Run(**data), about

@@ -13,8 +13,7 @@ from counterflex.path.sampling import DWELL_MOTION, RAPID_MOTION, MotionTable, j
 from counterflex.path.toolpath import FEED, ToolPath
 
 _TURN_STEP_RAD: Final = np.deg2rad(0.25)
-_TRIED: Final = 8
-"""Chords that the length of a turning motion is measured by."""
+_TRIED: Final = 8  # Chords that the length of a turning motion is measured by
 _TURN_LEVER_M: Final = 0.3
 """A change of orientation by 1 rad takes as long as this much path, where no feed says how long it takes."""
 
@@ -38,68 +37,68 @@ class TurnedPath:
     programmed: ToolPath  # the same rows with the points as programmed
     angle_rad: Float  # (rows, 3) rotary angles
 
+    @classmethod
+    def sampled(
+        cls, motions: MotionTable, turning: Turning, *, step_m: float, rapid_speed_m_s: float, chord_m: float
+    ) -> TurnedPath:
+        """Cut motions that turn the tool into short segments.
 
-def sample_turning(
-    motions: MotionTable, turning: Turning, *, step_m: float, rapid_speed_m_s: float, chord_m: float
-) -> TurnedPath:
-    """Cut motions that turn the tool into short segments.
+        Points as programmed and angles go linearly (an arc along its turn) with the share of the motion; the pose
+        follows from both. A motion that turns is divided so that no step turns by more than 0.25 deg or moves the tip
+        by more than ``step_m``, rapids too. It lasts as long as its programmed length takes at its feed; one without
+        length as long as its angle takes.
 
-    Points as programmed and angles go linearly (an arc along its turn) with the share of the motion; the pose follows
-    from both. A motion that turns is divided so that no step turns by more than 0.25 deg or moves the tip by more than
-    ``step_m``, rapids too. It lasts as long as its programmed length takes at its feed; one without length as long as
-    its angle takes.
+        Args:
+            turning: How the tool turns along them.
+            step_m: Longest step, m, > 0.
+            rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.
+            chord_m: Allowed chord error of arcs, m, > 0.
 
-    Args:
-        turning: How the tool turns along them.
-        step_m: Longest step, m, > 0.
-        rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.
-        chord_m: Allowed chord error of arcs, m, > 0.
-
-    Raises:
-        InputError: As :func:`~counterflex.path.sampling.sample`.
-    """
-    n = len(motions)
-    swept = np.abs(turning.end_rad - turning.start_rad).max(axis=1, initial=0.0)
-    turns = (swept > 0.0) & (motions.kind != DWELL_MOTION)
-    length = np.zeros(n)
-    if turns.any():
-        length[turns] = _tip_length(motions, turning, np.flatnonzero(turns))
-    least = np.where(turns, np.ceil(np.maximum(swept / _TURN_STEP_RAD, length / step_m) - 1e-9), 1.0)
-    least = np.maximum(least, 1.0).astype(np.int64)
-    programmed = sample(
-        motions,
-        step_m=step_m,
-        rapid_speed_m_s=rapid_speed_m_s,
-        chord_m=chord_m,
-        least=least,
-    )
-    if n == 0:
-        return TurnedPath(programmed, programmed, np.zeros((0, 3)))
-    motion = programmed.motion
-    share = _shares(motions, motion)[:, None]
-    angle = turning.start_rad[motion] + share * (turning.end_rad - turning.start_rad)[motion]
-    tip, axis = turning.pose(programmed.p_part_tcp, angle, motion)
-    step = np.linalg.norm(np.diff(tip, axis=0, prepend=tip[:1]), axis=1)
-    step_s = np.diff(programmed.time_s, prepend=0.0)
-    still = np.linalg.norm(motions.p_end - motions.p_start, axis=1) == 0.0
-    rows = np.bincount(motion[share[:, 0] > 0.0], minlength=n)
-    alone = turns & still
-    own = np.where(turning.feed_rad_s > 0.0, np.linalg.norm(turning.end_rad - turning.start_rad, axis=1), 0.0)
-    by_angle = own / np.where(turning.feed_rad_s > 0.0, turning.feed_rad_s, 1.0)
-    rapid = turns & (motions.kind == RAPID_MOTION)
-    by_tip = np.maximum(length, _TURN_LEVER_M * swept) / rapid_speed_m_s
-    whole = np.where(rapid, by_tip, by_angle)
-    timed = (alone | rapid)[motion] & (share[:, 0] > 0.0)
-    step_s = np.where(timed, (whole / np.maximum(rows, 1))[motion], step_s)
-    turned_feed = turns[motion] & (programmed.kind == FEED) & (step_s > 0.0)
-    path = replace(
-        programmed,
-        p_part_tcp=tip,
-        axis_part=axis,
-        feed_m_s=np.where(turned_feed, step / np.where(step_s > 0.0, step_s, 1.0), programmed.feed_m_s),
-        time_s=np.cumsum(step_s),
-    )
-    return TurnedPath(path, replace(programmed, time_s=path.time_s), angle)
+        Raises:
+            InputError: As :func:`~counterflex.path.sampling.sample`.
+        """
+        n = len(motions)
+        swept = np.abs(turning.end_rad - turning.start_rad).max(axis=1, initial=0.0)
+        turns = (swept > 0.0) & (motions.kind != DWELL_MOTION)
+        length = np.zeros(n)
+        if turns.any():
+            length[turns] = _tip_length(motions, turning, np.flatnonzero(turns))
+        least = np.where(turns, np.ceil(np.maximum(swept / _TURN_STEP_RAD, length / step_m) - 1e-9), 1.0)
+        least = np.maximum(least, 1.0).astype(np.int64)
+        programmed = sample(
+            motions,
+            step_m=step_m,
+            rapid_speed_m_s=rapid_speed_m_s,
+            chord_m=chord_m,
+            least=least,
+        )
+        if n == 0:
+            return cls(programmed, programmed, np.zeros((0, 3)))
+        motion = programmed.motion
+        share = _shares(motions, motion)[:, None]
+        angle = turning.start_rad[motion] + share * (turning.end_rad - turning.start_rad)[motion]
+        tip, axis = turning.pose(programmed.p_part_tcp, angle, motion)
+        step = np.linalg.norm(np.diff(tip, axis=0, prepend=tip[:1]), axis=1)
+        step_s = np.diff(programmed.time_s, prepend=0.0)
+        still = np.linalg.norm(motions.p_end - motions.p_start, axis=1) == 0.0
+        rows = np.bincount(motion[share[:, 0] > 0.0], minlength=n)
+        alone = turns & still
+        own = np.where(turning.feed_rad_s > 0.0, np.linalg.norm(turning.end_rad - turning.start_rad, axis=1), 0.0)
+        by_angle = own / np.where(turning.feed_rad_s > 0.0, turning.feed_rad_s, 1.0)
+        rapid = turns & (motions.kind == RAPID_MOTION)
+        by_tip = np.maximum(length, _TURN_LEVER_M * swept) / rapid_speed_m_s
+        whole = np.where(rapid, by_tip, by_angle)
+        timed = (alone | rapid)[motion] & (share[:, 0] > 0.0)
+        step_s = np.where(timed, (whole / np.maximum(rows, 1))[motion], step_s)
+        turned_feed = turns[motion] & (programmed.kind == FEED) & (step_s > 0.0)
+        path = replace(
+            programmed,
+            p_part_tcp=tip,
+            axis_part=axis,
+            feed_m_s=np.where(turned_feed, step / np.where(step_s > 0.0, step_s, 1.0), programmed.feed_m_s),
+            time_s=np.cumsum(step_s),
+        )
+        return cls(path, replace(programmed, time_s=path.time_s), angle)
 
 
 def _tip_length(motions: MotionTable, turning: Turning, which: Int) -> Float:

@@ -16,8 +16,7 @@ from counterflex.geometry import rotation
 from counterflex.programs.program import Motion, Program
 from counterflex.programs.robot_text.program import RobotProgram
 
-_LARGEST: Final = 100_000_000
-"""Most pairs of motions that are compared between two rapids."""
+_LARGEST: Final = 100_000_000  # Most pairs of motions that are compared between two rapids
 _LEAST_M: Final = 1e-9
 _LEAST_RAD: Final = 1e-9
 

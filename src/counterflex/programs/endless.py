@@ -17,8 +17,7 @@ MOST_REPEATED: Final = 200_000
 MOST_WITHOUT_MOTION: Final = 100_000
 """Lines executed again with no motion in between. Loops that only compute (a search, a table) take some thousand."""
 _OFTEN: Final = 1000
-_SELDOM: Final = 64
-"""After so many comparisons in vain only every 64th jump is compared: a state takes 0.2 ms to copy."""
+_SELDOM: Final = 64  # After so many comparisons in vain only every 64th jump is compared: a state takes 0.2 ms to copy
 
 
 class LoopWatch:

@@ -83,6 +83,14 @@ class Call:
     start: int
     end: int
 
+    def value(self, grammar: Grammar, scope: Scope) -> Value:
+        """Value of the function for its evaluated arguments."""
+        by_reference = getattr(scope, "call_node", None)
+        if by_reference is not None:
+            return by_reference(self)
+        options = {key: None if item is None else evaluate(item, grammar, scope) for key, item in self.options.items()}
+        return scope.call(self.name, [evaluate(item, grammar, scope) for item in self.arguments], options)
+
 
 @dataclass(frozen=True, slots=True)
 class Aggregate:
@@ -101,6 +109,24 @@ class Operator:
     operands: tuple[Node, ...]
     start: int
     end: int
+
+    def value(self, grammar: Grammar, scope: Scope) -> Value:
+        """Value of the operator for its evaluated operands."""
+        values = [evaluate(operand, grammar, scope) for operand in self.operands]
+        decides = {"AND": False, "&&": False, "OR": True, "||": True}.get(self.word)
+        if decides is not None and any(value is decides for value in values):
+            return decides  # whatever an unknown operand is
+        unknown = first_unknown(values)
+        if unknown is not None:
+            return unknown
+        try:
+            if len(values) == 1:
+                return grammar.unary[self.word][1](values[0])
+            return grammar.binary[self.word][1](*values)
+        except ZeroDivisionError:
+            raise ExpressionError("a division by zero", self.start) from None
+        except (TypeError, ValueError, OverflowError, ArithmeticError) as error:
+            raise ExpressionError(f"{self.word} does not fit what it stands between", self.start) from error
 
 
 Node = Literal | Name | Call | Aggregate | Operator
@@ -173,38 +199,12 @@ def evaluate(node: Node, grammar: Grammar, scope: Scope) -> Value:
         ]
         return scope.value_of(node.text, path)
     if isinstance(node, Call):
-        return _call(node, grammar, scope)
+        return node.value(grammar, scope)
     if isinstance(node, Aggregate):
         if any(label is not None for label, _ in node.items):
             return {label: evaluate(item, grammar, scope) for label, item in node.items}
         return [evaluate(item, grammar, scope) for _, item in node.items]
-    return _operate(node, grammar, scope)
-
-
-def _call(node: Call, grammar: Grammar, scope: Scope) -> Value:
-    by_reference = getattr(scope, "call_node", None)
-    if by_reference is not None:
-        return by_reference(node)
-    options = {key: None if item is None else evaluate(item, grammar, scope) for key, item in node.options.items()}
-    return scope.call(node.name, [evaluate(item, grammar, scope) for item in node.arguments], options)
-
-
-def _operate(node: Operator, grammar: Grammar, scope: Scope) -> Value:
-    values = [evaluate(operand, grammar, scope) for operand in node.operands]
-    decides = {"AND": False, "&&": False, "OR": True, "||": True}.get(node.word)
-    if decides is not None and any(value is decides for value in values):
-        return decides  # whatever an unknown operand is
-    unknown = first_unknown(values)
-    if unknown is not None:
-        return unknown
-    try:
-        if len(values) == 1:
-            return grammar.unary[node.word][1](values[0])
-        return grammar.binary[node.word][1](*values)
-    except ZeroDivisionError:
-        raise ExpressionError("a division by zero", node.start) from None
-    except (TypeError, ValueError, OverflowError, ArithmeticError) as error:
-        raise ExpressionError(f"{node.word} does not fit what it stands between", node.start) from error
+    return node.value(grammar, scope)
 
 
 class _Parser:

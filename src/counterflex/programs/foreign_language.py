@@ -13,8 +13,7 @@ from typing import Final
 
 from counterflex.programs.language import LANGUAGES, Signs
 
-_LOOKED_AT: Final = 120
-"""Lines that are not empty, from the first one on."""
+_LOOKED_AT: Final = 120  # Lines that are not empty, from the first one on
 _POST: Final = "Post the tool path as three-axis G-code (a post for LinuxCNC fits)"
 _LANGUAGE: Final = "Read it as what it is: --dialect {0}, or give the file the ending {1}"
 _UNROLL: Final = "Post it without macros, cycles and frames of this control, as plain three-axis G-code"

@@ -11,13 +11,36 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from counterflex.core.errors import InputError
 from counterflex.core.registry import Registry, imported
 from counterflex.core.similar import close_to
 from counterflex.programs.limits import LINUXCNC, Limits
-from counterflex.programs.statement_forms import StatementForms
+
+
+@dataclass(frozen=True)
+class StatementForms:
+    """Statements of a language, one a line, without line numbers."""
+
+    stop: Callable[[str], list[str]]  # Stops for a person, with what he is told
+    pause: str  # Waits; ``{}`` is the time in s
+    # Waits until a condition holds: condition, longest time in s, what is said where it does not hold
+    until: Callable[[str, float, str], list[str]]
+    in_place: tuple[str, ...]  # Before a machine function: makes a controller that runs ahead of the motion wait for it
+    comment: str  # What begins a comment
+    output: str  # An output that is set, as an example
+    output_of_word: str  # The same by the P word of an M-code
+    data_key: Literal["tool_data", "tooldata"]  # Key of ``[[tools]]`` that names the tool frame on the controller
+    end: str = ""  # What every statement of the cell file's table ends in, and no condition has; empty where nothing
+
+    @classmethod
+    def of(cls, dialect: str) -> StatementForms:
+        """Statements that writers of a robot's language add themselves."""
+        forms = LANGUAGES[dialect].forms
+        assert forms is not None, dialect
+        return forms
+
 
 BY_ENDING: Final = "ending"
 """In place of a dialect: that of the ending of the file."""
@@ -118,13 +141,6 @@ def robot_dialects() -> Iterator[str]:
 def is_robot(dialect: str) -> bool:
     """Return whether a dialect is that of a robot; False for one that is not registered."""
     return dialect in LANGUAGES and LANGUAGES[dialect].robot
-
-
-def forms_of(dialect: str) -> StatementForms:
-    """Statements that writers of a robot's language add themselves."""
-    forms = LANGUAGES[dialect].forms
-    assert forms is not None, dialect
-    return forms
 
 
 def at_prompt(part: str, *, own: bool = False) -> dict[str, str]:

@@ -6,10 +6,13 @@ change a target and leave everything else byte for byte as it was.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Final, Literal
+
+import numpy as np
 
 from counterflex.core.arrays import Float
 
@@ -32,6 +35,10 @@ class Word:
     literal: bool = True  # False when the value was an expression or a parameter
     # True or False where the word says so itself (``X=AC(5)``, ``X=IC(5)``); None where the mode of the block decides
     absolute: bool | None = None
+
+    def counts_from_zero(self, modal: Modal) -> bool:
+        """Return whether an axis word is absolute, by itself or by the mode of its block."""
+        return modal.absolute if self.absolute is None else self.absolute
 
 
 def has_g(words: Iterable[Word], *codes: float) -> bool:
@@ -115,6 +122,16 @@ class Motion:
     # Letters of the axes along which the end is not known: numbers of ``p_end`` there mean nothing. Only in programs
     # that were read to be listed.
     unknown: str = ""
+
+    def tangent_at(self, *, end: bool) -> Float:
+        """(2,) unit direction at the start or the end of a motion."""
+        if self.kind == "arc" and self.p_centre is not None and self.normal is not None:
+            arm = (self.p_end if end else self.p_start) - self.p_centre
+            v = math.copysign(1.0, self.turn_rad) * np.cross(self.normal, arm)[:2]
+        else:
+            v = (self.p_end - self.p_start)[:2]
+        out: Float = v / np.linalg.norm(v)
+        return out
 
 
 @dataclass(frozen=True, slots=True)

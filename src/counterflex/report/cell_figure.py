@@ -29,7 +29,7 @@ def cell_figure(drawing: CellDrawing) -> dict[str, Any]:
     along = tip / max(float(np.linalg.norm(tip)), 1e-9)
     data: list[dict[str, Any]] = []
     views: tuple[Callable[[Float], Float], ...] = (lambda points: _side(along, points), _above)
-    for number, (view, reach) in enumerate(zip(views, (_from_side(drawing), _from_above(drawing)), strict=True)):
+    for number, (view, reach) in enumerate(zip(views, (drawing.from_side(), _from_above(drawing)), strict=True)):
         data += [_line(curve, number, "reach of the flange, wrist stretched", _REACH, 1.2, "dot") for curve in reach]
         links = view(drawing.links_m)
         data.append(_links(links[: drawing.flange + 1], number, drawing.robot.split(" (")[0], _ROBOT))
@@ -42,10 +42,6 @@ def cell_figure(drawing: CellDrawing) -> dict[str, Any]:
         trace["showlegend"] = trace["name"] not in seen
         seen.add(trace["name"])
     return {"data": data, "layout": _layout(), "narrow": _narrow()}
-
-
-def _from_side(drawing: CellDrawing) -> list[Float]:
-    return [curve / MM for curve in drawing.reach_m]
 
 
 def _from_above(drawing: CellDrawing) -> list[Float]:

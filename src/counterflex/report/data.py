@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.units import MM
 from counterflex.evaluate.error_budget import BudgetLine
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.path_deviation import PathDeviation
@@ -55,6 +58,10 @@ class CellDrawing:
     blank_m: Float  # (8, 3) m, corners of the blank, base frame
     path_m: Float  # (n, 3) m, tool tip along the feed motions, base frame, thinned
 
+    def from_side(self) -> list[Float]:
+        """Border of the reach, horizontal distance and height, mm."""
+        return [curve / MM for curve in self.reach_m]
+
 
 @dataclass(frozen=True)
 class VariantData:
@@ -63,6 +70,30 @@ class VariantData:
     deviation: PathDeviation
     surface: SurfaceDeviation | None = None  # Surface deviation, or None where no part was simulated
     force_n: ErrorCurve | None = None  # Magnitude of the process force over time, or None
+
+    def shades(self) -> list[dict[str, Any]]:
+        """Grey bands over the entries and exits of the uncompensated run, at most 400 of them."""
+        result = self.deviation
+        shapes: list[dict[str, Any]] = []
+        for mask, colour in ((result.entry, "rgba(90,120,160,0.16)"), (result.exit, "rgba(200,120,40,0.20)")):
+            edge = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+            starts, ends = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1) - 1
+            for a, b in list(zip(starts, ends, strict=True))[:200]:
+                shapes.append(
+                    {
+                        "type": "rect",
+                        "xref": "x",
+                        "yref": "paper",
+                        "x0": round(float(result.length_m[a]), 4),
+                        "x1": round(float(result.length_m[b]), 4),
+                        "y0": 0.0,
+                        "y1": 1.0,
+                        "fillcolor": colour,
+                        "line": {"width": 0},
+                        "layer": "below",
+                    }
+                )
+        return shapes
 
 
 @dataclass(frozen=True)
@@ -98,6 +129,16 @@ class ReportData(Head):
     drawing: CellDrawing | None = None  # Robot, reach and blank, or None
     next_steps: tuple[str, ...] = ()  # What to do with the result, most important first
     expected: Headline | None = None  # What the plan expected of all such cells, or None where it was not predicted
+
+    def tolerance(self) -> dict[str, Any] | None:
+        """Count measured quantities out of tolerance after compensation and before; None where none was measured."""
+        if not self.features:
+            return None
+        out = {
+            variant: sum(variant not in row.worst_m or not row.ok(variant) for row in self.features)
+            for variant in ("nominal", "compensated")
+        }
+        return {"count": len(self.features), "before": out["nominal"], "after": out["compensated"]}
 
 
 @dataclass(frozen=True, eq=False)

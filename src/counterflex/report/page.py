@@ -130,7 +130,7 @@ def report_page(data: ReportData) -> str:
         expected=_headline(data.expected),
         cards=_cards(summary),
         verdict=_verdict(summary),
-        tolerance=_tolerance(data),
+        tolerance=data.tolerance(),
         headings=_FIGURES.values(),
         rows=_figure_rows(summary),
         seeds=seed_rows(summary) if len(summary["seeds"]) > 1 else [],
@@ -280,17 +280,6 @@ def _card(name: str, before: float, after: float, digits: int = 3) -> dict[str, 
         "worse": "worse" if after > before else "",
         "bar": "0" if before == 0.0 else f"{min(100.0 * after / before, 100.0):.1f}",
     }
-
-
-def _tolerance(data: ReportData) -> dict[str, Any] | None:
-    """Count measured quantities out of tolerance after compensation and before; None where none was measured."""
-    if not data.features:
-        return None
-    out = {
-        variant: sum(variant not in row.worst_m or not row.ok(variant) for row in data.features)
-        for variant in ("nominal", "compensated")
-    }
-    return {"count": len(data.features), "before": out["nominal"], "after": out["compensated"]}
 
 
 def _figure_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:

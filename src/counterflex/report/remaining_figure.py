@@ -54,10 +54,8 @@ def remaining_figure(data: PredictionData) -> dict[str, Any]:
     }
 
 
-_NARROWEST: Final = 0.3
-"""Sides of the box about a path, of the longest, at least."""
-_LONGEST: Final = 2.0
-"""Length of its longest side in the picture."""
+_NARROWEST: Final = 0.3  # Sides of the box about a path, of the longest, at least
+_LONGEST: Final = 2.0  # Length of its longest side in the picture
 
 
 def _points(name: str, p: Float, mode: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.path_deviation import PathDeviation
-from counterflex.report.data import PredictionData, ReportData, VariantData
+from counterflex.report.data import PredictionData, ReportData
 from counterflex.report.figure_data import AFTER, BEFORE, numbers, thin
 from counterflex.report.remaining_figure import length_m
 
@@ -63,7 +63,7 @@ def series_figure(data: ReportData) -> dict[str, Any]:
             lines.append(_Line(1, name, colour, place, force.value, 1, whole, legend=False))
     titles = ("path error<br>across feed, mm", "process<br>force, N", data.engagement_label)
     figure = _stacked(lines, titles, (0.46, 0.24, 0.18))
-    figure["layout"]["shapes"] = _shades(data.nominal)
+    figure["layout"]["shapes"] = data.nominal.shades()
     return figure
 
 
@@ -184,28 +184,3 @@ def _stacked(
             }
         )
     return {"data": out, "layout": layout}
-
-
-def _shades(variant: VariantData) -> list[dict[str, Any]]:
-    """Grey bands over the entries and exits of the uncompensated run, at most 400 of them."""
-    result = variant.deviation
-    shapes: list[dict[str, Any]] = []
-    for mask, colour in ((result.entry, "rgba(90,120,160,0.16)"), (result.exit, "rgba(200,120,40,0.20)")):
-        edge = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
-        starts, ends = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1) - 1
-        for a, b in list(zip(starts, ends, strict=True))[:200]:
-            shapes.append(
-                {
-                    "type": "rect",
-                    "xref": "x",
-                    "yref": "paper",
-                    "x0": round(float(result.length_m[a]), 4),
-                    "x1": round(float(result.length_m[b]), 4),
-                    "y0": 0.0,
-                    "y1": 1.0,
-                    "fillcolor": colour,
-                    "line": {"width": 0},
-                    "layer": "below",
-                }
-            )
-    return shapes

@@ -16,7 +16,7 @@ from counterflex.runtime.monitoring.settings import MonitorSettings
 from counterflex.runtime.primitives.localize import SEEK_ROWS
 from counterflex.runtime.settings import OnlineSettings
 from counterflex.runtime.state.planned import PLAN
-from counterflex.signals.ahead import Ahead
+from counterflex.signals.preview import Ahead
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from counterflex.core.arrays import Float, as_float, as_positive, frozen
 from counterflex.core.errors import InputError
 from counterflex.core.records import Records, record, records
 from counterflex.core.units import STANDARD_GRAVITY
-from counterflex.geometry import pose, rotation, wrench
+from counterflex.geometry import pose, rotation
 
 # Functions of an orientation: what an offset that depends on the rotation matrix alone can be made of. Degree 1 are the
 # nine entries of the rotation matrix, degree 2 the 25 entries of its action on symmetric traceless matrices, ``<S_a, R
@@ -329,7 +329,7 @@ def tcp_wrench(
         R_hose_sensor=R_hose_sensor,
     )
     p_sensor_tcp = (pose.inverse(sensor.T_seg_sensor) @ np.asarray(T_seg_tcp, dtype=np.float64))[:3, 3]
-    return wrench.rotate(np.asarray(R_base_sensor, dtype=np.float64), wrench.shift(w, -p_sensor_tcp))
+    return pose.rotate_wrench(np.asarray(R_base_sensor, dtype=np.float64), pose.shift_wrench(w, -p_sensor_tcp))
 
 
 def turned(T_seg_sensor: Float, turn_rad: Float) -> Float:

@@ -20,7 +20,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, as_float, as_positive, frozen
 from counterflex.core.errors import InputError
-from counterflex.geometry import wrench
+from counterflex.geometry import pose
 from counterflex.geometry.rotation import skew
 
 # The Wheatstone full bridge: its voltage from four strains, and the strain behind a voltage. Four gauges R1 to R4
@@ -126,7 +126,7 @@ class HolderBeam:
             A[:3, 3:] = -skew(np.array([side * self.distance_m, 0.0, 0.0]))
             maps.append(A)
         ring = np.linalg.inv(sum(A.T @ k @ A for A in maps))
-        at_ring = np.stack([wrench.shift(w, np.array([0.0, 0.0, -self.length_m])) for w in np.eye(6)], axis=1)
+        at_ring = np.stack([pose.shift_wrench(w, np.array([0.0, 0.0, -self.length_m])) for w in np.eye(6)], axis=1)
         low, right = (k @ A @ ring @ at_ring for A in maps)
         return low, right
 

@@ -10,8 +10,7 @@ from counterflex.core.arrays import as_positive
 _ANEW_S: Final = 2.0
 _ANEW_SAMPLES: Final = 5
 _FALLEN_SAMPLES: Final = 8
-_SILENT_S: Final = 0.1
-"""Without samples for so long, by both clocks, the source was silent."""
+_SILENT_S: Final = 0.1  # Without samples for so long, by both clocks, the source was silent
 _STEADY_S: Final = 1.0
 """So long later samples must come behind a silence, none of them sooner than the first ones, to be another time."""
 _LATER_S: Final = 2e-3

@@ -10,8 +10,8 @@ import pytest
 
 from counterflex.app.campaign import campaign, laboratory
 from counterflex.app.campaign.axes import Grid
-from counterflex.app.campaign.plan import ORDER, campaign_of
 from counterflex.app.campaign.report import headline_rows, remaining, rows_of, verdict
+from counterflex.app.campaign.step import ORDER, campaign_of
 from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import make_truth
 from counterflex.core.errors import FileFormatError, InputError

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from counterflex.app.compensation.chip_remark import extrapolation
-from counterflex.app.compensation.feed_limits import shown_limits
-from counterflex.app.compensation.headline import error_rows, headline_of, worse_lines, worse_warnings
+from counterflex.app.compensation.compensate import shown_limits
+from counterflex.app.compensation.headline import error_rows, extrapolation, headline_of, worse_lines, worse_warnings
 from counterflex.app.compensation.prediction import (
     calm_feed,
     calm_feed_text,

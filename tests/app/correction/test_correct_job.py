@@ -14,7 +14,7 @@ import pytest
 
 from counterflex.app.compensation import compensate
 from counterflex.app.correction import correct
-from counterflex.app.correction.scans import read_scan
+from counterflex.app.correction.scans import PartScan
 from counterflex.app.inputs import read_job
 from counterflex.app.proof import evaluate, simulate
 from counterflex.app.proof.truth import make_truth
@@ -126,7 +126,7 @@ def test_wrong_inputs_are_named_in_one_line_and_nothing_is_written(shop: Shop, t
     other = tmp_path / "other.ngc"
     other.write_text(GROOVE.replace("Y15", "Y16"), encoding="ascii", newline="")
     job = read_job(shop.program, read_cell(CELL))
-    scan = read_scan(shop.part, shop.program, job, read_cell(CELL), 0).deviations
+    scan = PartScan.read(shop.part, shop.program, job, read_cell(CELL), 0).deviations
     foreign = tmp_path / "deviations.parquet"
     write_part_deviations(foreign, scan, MeasuredPart("x.ngc", "ab" * 32, "x.ply", "mm", (), 1.0))
     elsewhere = tmp_path / "elsewhere.parquet"

@@ -39,12 +39,11 @@ def test_a_name_that_was_tried_is_noted_as_text() -> None:
 def test_values_over_opc_ua_are_text() -> None:
     pytest.importorskip("asyncua", reason="the extra opcua is not installed")
     from counterflex.app.opcua.nodes import NODES, View
-    from counterflex.app.opcua.server import value_of
 
     about = {"files": {"program": f"/jobs/{NAME}.ngc\udcff", "cell": ""}, "folder": NAME, "counterflex": NAME}
     incident = {"cause": NAME, "state": NAME, "over": True}
     view = View(Seen.RUNNING, about, {"state": NAME, "cause": NAME, "incident": incident}, None, NAME)
-    shown = [value_of(node, view)[0] for node in NODES if isinstance(node.default, str)]
+    shown = [node.value(view)[0] for node in NODES if isinstance(node.default, str)]
     named = [text for text in shown if "PWN" in text]
     assert len(named) >= 5
     for text in named:

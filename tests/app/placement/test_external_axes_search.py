@@ -12,8 +12,7 @@ from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import AS_IT_IS, read_job
 from counterflex.app.placement import placement
-from counterflex.app.placement.frame import ProgramInCell
-from counterflex.app.placement.region import Wish
+from counterflex.app.placement.region import ProgramInCell, Wish
 from counterflex.cli.arguments import region
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM

@@ -12,9 +12,8 @@ from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import AS_IT_IS, read_job
 from counterflex.app.placement import placement, placement_map
-from counterflex.app.placement.region import Wish
-from counterflex.app.placement.spindle_mounting import Mounting
-from counterflex.app.posture import posture_of
+from counterflex.app.placement.region import Mounting, Wish
+from counterflex.app.posture import PostureOf
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose
@@ -58,7 +57,7 @@ def test_the_spindle_is_placed_and_the_part_stays_in_the_hand(tmp_path: Path) ->
     assert 1350.0 <= chosen["x_mm"] <= 1550.0
     assert chosen["damping_in_cut"] >= summary["least_damping"] - 0.01
     assert chosen["error_um"] < summary["present"]["error_um"]
-    anew = posture_of(program, after).summary["present"]
+    anew = PostureOf.of(program, after).summary["present"]
     assert anew["branch"] == chosen["branch"]
     for key in ("rotation_about_tool_deg", "deflection_um", "limit_margin_deg"):
         assert anew[key] == pytest.approx(chosen[key], rel=1e-9, abs=1e-9)

@@ -12,11 +12,11 @@ import plotly.graph_objects as go
 import polars as pl
 import pytest
 
-from counterflex.app import modes
+from counterflex.app import cell_modes
 from counterflex.app.placement import placement_map
+from counterflex.app.placement.placement_map import map_figure
 from counterflex.app.placement.region import Wish
 from counterflex.core.errors import InputError
-from counterflex.report.placement_map_page import map_figure
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 CELL, GROOVE = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs" / "groove.ngc"
@@ -55,7 +55,7 @@ def test_a_place_out_of_reach_has_a_reason_and_no_figures(out: Path) -> None:
 
 def test_the_first_frequency_is_that_of_the_modes_command(out: Path, tmp_path: Path) -> None:
     """Both know the same robot: two postures within a map differ less than a tenth from `modes` in the present one."""
-    modes.run(CELL, tmp_path / "modes")
+    cell_modes.run(CELL, tmp_path / "modes")
     lowest = json.loads((tmp_path / "modes" / "summary.json").read_text())["modes"][0]["hz"]
     assert _summary(out)["present"]["first_mode_hz"] == pytest.approx(lowest, rel=0.1)
 

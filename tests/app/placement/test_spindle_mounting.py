@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.placement import placement
-from counterflex.app.placement.region import Wish
-from counterflex.app.placement.spindle_mounting import Mounting
+from counterflex.app.placement.region import Mounting, Wish
 from counterflex.cli.arguments import body_angles
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG

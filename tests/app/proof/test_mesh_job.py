@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from counterflex.app.proof import mesh, simulate
-from counterflex.app.proof.judge import compare
+from counterflex.app.proof.judge import ProgramComparison
 from counterflex.app.proof.truth import make_truth
 from counterflex.core.errors import InputError
 from counterflex.cutting.tridexel.surface import Surface
@@ -25,7 +25,7 @@ def test_walls_and_floors_are_off_by_what_evaluate_finds(small: Path, tmp_path: 
     make_truth(read_cell(small), 201, tmp_path / "truth.toml")
     simulate.run(tmp_path / "part.ngc", small, tmp_path / "truth.toml", tmp_path / "run")
     summary = mesh.run(tmp_path / "run", tmp_path / "mesh", range_m=1e-4)
-    comparison = compare([tmp_path / "run"])
+    comparison = ProgramComparison.of([tmp_path / "run"])
     judged, surface = comparison.judged["nominal"].surface, comparison.reference.surface
     assert judged is not None
     assert surface is not None

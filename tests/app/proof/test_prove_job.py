@@ -15,7 +15,7 @@ from counterflex.app.proof.judge import judge, reference_of
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.path.toolpath import FEED
 
 SHORT = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 X-12 Y15 Z42\nG0 Z36\nG1 X52 F1500\nG0 Z42\nM5\nM2\n"

@@ -22,7 +22,7 @@ from counterflex.cutting.tridexel.column_file import load_columns
 from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.surface import surface
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.path.toolpath import FEED
 from counterflex.plan.cut import cut
 
@@ -111,9 +111,9 @@ def test_simulated_and_evaluated_from_files(cell_file: Path, program: Path, tmp_
     assert summary["machining"]["peak_force_n"] > 200.0
     assert (tmp_path / "run" / simulate.COLUMNS).is_file()
     assert not (tmp_path / "run" / simulate.SURFACE).exists()
-    from counterflex.app.proof.judge import compare
+    from counterflex.app.proof.judge import ProgramComparison
 
-    judged = compare([tmp_path / "run"]).judged["nominal"]
+    judged = ProgramComparison.of([tmp_path / "run"]).judged["nominal"]
     assert judged.surface is None
     assert judged.columns is not None
     assert judged.turned is not None
@@ -134,7 +134,7 @@ def test_simulated_and_evaluated_from_files(cell_file: Path, program: Path, tmp_
     _columns_end_where_the_tool_was(tmp_path / "run", judged.columns)
     (tmp_path / "run" / simulate.COLUMNS).write_bytes(b"PK")
     with pytest.raises(FileFormatError, match="do not belong together"):
-        compare([tmp_path / "run"])
+        ProgramComparison.of([tmp_path / "run"])
 
 
 def _columns_end_where_the_tool_was(folder: Path, columns: ColumnStock) -> None:

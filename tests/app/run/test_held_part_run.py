@@ -19,7 +19,7 @@ from counterflex.app.simulated_cell import cell as live
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import SensorTable, flange_sensor
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.geometry import pose, rotation
 from counterflex.plan.inputs import solve_joints
 from counterflex.plan.relative_motion import part_carried

@@ -14,9 +14,8 @@ from typing import Any, cast
 
 import pytest
 
-from counterflex.app.run import process_start, run as online
-from counterflex.app.run.process import loop_process
-from counterflex.app.run.process_start import first_word, signals_wait
+from counterflex.app.run import process as process_start, run as online
+from counterflex.app.run.process import first_word, loop_process, signals_wait
 from counterflex.app.run.recorder import recorder_process
 from counterflex.app.run.run import Supervised
 from counterflex.core.errors import InputError, OutputError

@@ -14,7 +14,7 @@ from scipy import stats
 
 from counterflex.app.panel.figures import FeedFrame
 from counterflex.app.run_history.history import history, log_folders
-from counterflex.app.run_history.logged_run import _share, one_run, read_runs
+from counterflex.app.run_history.logged_run import RunOfHistory, _share, read_runs
 from counterflex.app.run_history.pages import compare, page
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.records import records
@@ -124,7 +124,7 @@ def test_two_runs_beside_each_other_and_one_again(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="the same run"):
         compare(first, first, tmp_path / "no")
     with pytest.raises(InputError, match="no run of this number"):
-        one_run(first, 7)
+        RunOfHistory.of(first, 7)
     assert not (tmp_path / "no").exists()
 
 

@@ -26,10 +26,9 @@ from counterflex.protocols.session.senses import tracker_frames
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, TrackerPose, read_pose
 from counterflex.runtime.record_ring import COLUMNS
-from counterflex.twin.devices.datagram_sender import keep_pace
+from counterflex.twin.devices.datagram_sender import TrackerSender, keep_pace
 from counterflex.twin.devices.force_device import ForceDevice, ForceStart
 from counterflex.twin.devices.pose_source import CircleTarget, NoisyPose, SquareTarget, StandingTarget, TrackerLog
-from counterflex.twin.devices.tracker import TrackerSender
 from counterflex.twin.devices.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench
 from counterflex.twin.network.faults import Fault, FaultSchedule
 

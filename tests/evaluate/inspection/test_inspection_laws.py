@@ -16,7 +16,7 @@ from counterflex.evaluate.inspection.datum import datum_faces
 from counterflex.evaluate.inspection.part_deviations import FREE, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
 from counterflex.evaluate.inspection.size_errors import scale_of
-from counterflex.evaluate.iso230.circular_test import Circle as NominalCircle, Turn, bi_directional, turns
+from counterflex.evaluate.iso230.circular_test import BiDirectional, Circle as NominalCircle, Turn, turns
 from counterflex.evaluate.iso230.positioning import DOWN, UP, Approaches
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 
@@ -179,7 +179,7 @@ def test_a_turn_run_the_other_way_has_the_same_figures(
     wider = Turn("cw", np.column_stack([(R + 7.0 * UM) * np.cos(ANGLE), -(R + 7.0 * UM) * np.sin(ANGLE)]), 0.0)
     plain = Turn("ccw", np.column_stack([R * np.cos(ANGLE), R * np.sin(ANGLE)]), 0.0)
     for pair in ((wider, plain), (replace(plain, direction="cw"), replace(wider, direction="ccw"))):
-        assert bi_directional(*pair, R).h_m == pytest.approx(7.0 * UM, abs=0.01 * UM)
+        assert BiDirectional.of(*pair, R).h_m == pytest.approx(7.0 * UM, abs=0.01 * UM)
 
 
 @QUICK

@@ -9,14 +9,14 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.iso230.circular_test import (
+    BiDirectional,
     Circle,
     Turn,
-    bi_directional,
     fitted_circle,
     least_squares_circle,
     turns,
 )
-from counterflex.evaluate.iso230.straightness import narrowest_cylinder, parallel_lines, straightness
+from counterflex.evaluate.iso230.straightness import Straightness, narrowest_cylinder, parallel_lines
 from counterflex.geometry import rotation
 
 R = 50.0 * MM
@@ -57,7 +57,7 @@ def test_eccentric_circle_has_no_deviation_about_its_own_centre() -> None:
 
 def test_both_directions() -> None:
     """Radii R + 12 and R - 4 um: each round (G = 0), G(b) = 16, D = (12 - 4) / 2 = 4, H = 16."""
-    f = bi_directional(ring(np.full(3600, R - 4.0 * UM), "cw"), ring(np.full(3600, R + 12.0 * UM)), R)
+    f = BiDirectional.of(ring(np.full(3600, R - 4.0 * UM), "cw"), ring(np.full(3600, R + 12.0 * UM)), R)
     assert [f.g_b_m, f.g_b_lsc_m, f.d_m, f.h_m] == pytest.approx([16 * UM, 16 * UM, 4 * UM, 16 * UM], abs=1e-9)
 
 
@@ -97,7 +97,7 @@ def test_straightness_by_hand() -> None:
     x = np.arange(4.0) * 10.0 * MM
     y = np.array([0.0, 0.0, 0.0, 3.0]) * UM
     assert parallel_lines(x, y) == pytest.approx(2.0 * UM)
-    s = straightness(np.column_stack([x, y, 0.0 * x]))
+    s = Straightness.of(np.column_stack([x, y, 0.0 * x]))
     assert [s.horizontal_m, s.horizontal_ls_m, s.vertical_m] == pytest.approx([2.0 * UM, 2.1 * UM, 0.0], abs=1e-11)
     assert s.cylinder_m == pytest.approx(2.0 * UM, rel=1e-6)
     assert s.length_m == pytest.approx(30.0 * MM, rel=1e-6)
@@ -116,18 +116,18 @@ def test_minimum_zone_bounds() -> None:
     rng = np.random.default_rng(6)
     for _ in range(4):
         p = np.column_stack([np.sort(rng.uniform(0.0, 0.2, 60)), *(20.0 * UM * rng.standard_normal((2, 60)))])
-        s = straightness(p)
+        s = Straightness.of(p)
         assert s.horizontal_m <= s.horizontal_ls_m + 1e-12
         assert s.vertical_m <= s.vertical_ls_m + 1e-12
         assert s.cylinder_m <= s.cylinder_ls_m + 1e-12
         assert max(s.horizontal_m, s.vertical_m) * (1.0 - 1e-6) <= s.cylinder_m
         assert s.cylinder_m <= np.hypot(s.horizontal_m, s.vertical_m) * (1.0 + 1e-6)
-        moved = straightness(p @ rotation.about_z(0.7).T + [1.0, 2.0, 3.0])
+        moved = Straightness.of(p @ rotation.about_z(0.7).T + [1.0, 2.0, 3.0])
         assert [moved.horizontal_m, moved.vertical_m, moved.cylinder_m] == pytest.approx(
             [s.horizontal_m, s.vertical_m, s.cylinder_m], rel=1e-5
         )
     with pytest.raises(InputError, match="no line"):
-        straightness(rng.standard_normal((20, 3)))
+        Straightness.of(rng.standard_normal((20, 3)))
 
 
 def test_circle_axes_are_right_handed() -> None:
@@ -149,6 +149,6 @@ def test_a_straight_line_read_in_whole_micrometres_has_the_cylinder_of_their_cor
     x = np.linspace(0.0, 0.2, 2000)
     across = np.column_stack([0.03 * x, 0.05 * x])
     p = np.column_stack([x, np.round(across, 6)])
-    found = [straightness(q).cylinder_m for q in (p, p @ rotation.about_x(0.7).T)]
+    found = [Straightness.of(q).cylinder_m for q in (p, p @ rotation.about_x(0.7).T)]
     assert 0.9 * UM < found[0] < np.sqrt(2.0) * UM
     assert found[1] == pytest.approx(found[0], rel=1e-5)

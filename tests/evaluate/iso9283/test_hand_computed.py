@@ -8,13 +8,10 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
-from counterflex.evaluate.iso9283.commanded_path import CommandedPath, path_of
-from counterflex.evaluate.iso9283.path_cycles import PathCycle, path_cycles
-from counterflex.evaluate.iso9283.path_figures import corners, path_figures
-from counterflex.evaluate.iso9283.path_velocity import path_velocity
-from counterflex.evaluate.iso9283.poses import PoseCycles, distance_figures, drift, multi_directional, pose_figures
-from counterflex.evaluate.iso9283.settling import settled
-from counterflex.evaluate.iso9283.standstills import MeasuredStandstill
+from counterflex.evaluate.iso9283.path_cycles import CommandedPath, PathCycle, path_cycles, path_of
+from counterflex.evaluate.iso9283.path_figures import IsoPathFigures, PathVelocity, corners
+from counterflex.evaluate.iso9283.poses import DistanceFigures, PoseCycles, PoseFigures, drift, multi_directional
+from counterflex.evaluate.iso9283.standstills import MeasuredStandstill, Settled
 from counterflex.geometry import pose, rotation
 
 MDEG = 1e-3 * DEG
@@ -28,7 +25,7 @@ def poses(points: object, R: Float | None = None, at: tuple[float, float, float]
 
 def test_pose_accuracy_and_repeatability() -> None:
     """Barycentre (3, 4, 0): AP = 5. Distances 1, 1, 2, 2: mean 1.5, S = sqrt(4 x 0.25 / 3) = 0.57735; RP = 3.23205."""
-    f = pose_figures(poses([(4, 4, 0), (2, 4, 0), (3, 6, 0), (3, 2, 0)]))
+    f = PoseFigures.of(poses([(4, 4, 0), (2, 4, 0), (3, 6, 0), (3, 2, 0)]))
     assert f.ap.value == pytest.approx(5.0 * UM)
     assert [c.value for c in f.ap_xyz] == pytest.approx([3.0 * UM, 4.0 * UM, 0.0], abs=1e-15)
     assert f.rp is not None
@@ -38,7 +35,7 @@ def test_pose_accuracy_and_repeatability() -> None:
 def test_orientation_accuracy_and_repeatability() -> None:
     """Turns about z of 10, 20, 30, 40 mdeg: AP_c = 25; S = sqrt(500 / 3) = 12.90994; RP_c = 38.72983."""
     R = rotation.about_z(np.array([10.0, 20.0, 30.0, 40.0]) * MDEG)
-    f = pose_figures(poses(np.zeros((4, 3)), R))
+    f = PoseFigures.of(poses(np.zeros((4, 3)), R))
     assert [c.value / MDEG for c in f.ap_abc] == pytest.approx([0.0, 0.0, 25.0], abs=1e-9)
     assert [c.value / MDEG for c in f.rp_abc] == pytest.approx([0.0, 0.0, 38.7298335], abs=1e-6)
     # interval of S with 3 degrees of freedom: chi2 quantiles 0.2157953, 9.3484036 (tables)
@@ -49,7 +46,7 @@ def test_orientation_accuracy_and_repeatability() -> None:
 def test_distance_accuracy_and_repeatability() -> None:
     """Distances 100.01, 100.03, 100.02 of 100 mm: AD = 0.02; S = 0.01, RD = 0.03."""
     one, other = poses(np.zeros((3, 3))), poses([(10, 0, 0), (30, 0, 0), (20, 0, 0)], at=(100.0, 0.0, 0.0))
-    f = distance_figures(one, other)
+    f = DistanceFigures.of(one, other)
     assert f.commanded_m == pytest.approx(0.1)
     assert f.ad.value == pytest.approx(20.0 * UM)
     assert f.rd is not None
@@ -82,10 +79,10 @@ def test_stabilisation_and_overshoot() -> None:
     x = np.concatenate([np.linspace(24.0, 2.0, 12), [0.05, 0.3, 0.2, 0.04], np.zeros(60)]) * MM
     p = np.column_stack([x, 0 * x, 0 * x])
     time: Float = 0.01 * np.arange(len(x), dtype=np.float64)
-    found = settled(time, p, None, MeasuredStandstill(16, len(x) - 1, np.zeros(3), None, 0.5))
+    found = Settled.of(time, p, None, MeasuredStandstill(16, len(x) - 1, np.zeros(3), None, 0.5))
     assert [found.time_s, found.overshoot_m] == pytest.approx([0.03, 0.3 * MM])
     calm = np.where(np.abs(x - 0.25 * MM) < 0.06 * MM, 0.05 * MM, x)
-    still = settled(
+    still = Settled.of(
         time, np.column_stack([calm, 0 * x, 0 * x]), None, MeasuredStandstill(16, len(x) - 1, np.zeros(3), None, 0.5)
     )
     assert (still.time_s, still.overshoot_m) == (0.0, 0.0)
@@ -106,7 +103,7 @@ def straight_path(speed_m_s: float | None = None) -> CommandedPath:
 
 def test_path_accuracy_and_repeatability() -> None:
     """At y = 1, 2, 3 um: barycentre 2, AT = 2. Distances 1, 0, 1: mean 2/3, S = sqrt(1/3); RT = 0.66667 + 1.73205."""
-    f = path_figures(straight_path(), [line(1.0), line(2.0), line(3.0)])
+    f = IsoPathFigures.of(straight_path(), [line(1.0), line(2.0), line(3.0)])
     assert f.at_p.value == pytest.approx(2.0 * UM)
     assert f.rt_p is not None
     assert f.rt_p.value == pytest.approx(2.3987175 * UM, rel=1e-6)
@@ -114,12 +111,12 @@ def test_path_accuracy_and_repeatability() -> None:
 
 def test_velocity() -> None:
     """Means of 49, 50, 51 mm/s for 50: AV = 0, S = 1, RV = 3 mm/s. A wave a sin(w t): FV = 2 a w, smoothed."""
-    v = path_velocity(straight_path(0.05), [line(0.0, speed_m_s=s * MM) for s in (49.0, 50.0, 51.0)])
+    v = PathVelocity.of(straight_path(0.05), [line(0.0, speed_m_s=s * MM) for s in (49.0, 50.0, 51.0)])
     assert v.rv is not None
     assert [v.av.value / MM, v.rv.value / MM, v.fv_m_s / MM] == pytest.approx([0.0, 3.0, 0.0], abs=1e-6)
     # 8 periods in 2 s: w = 25.1327 1/s. A slope over T = 0.1 s passes 3 (sin z - z cos z) / z^3 of it, z = w T / 2:
     # 3 (0.951057 - 1.256637 x 0.309017) / 1.984402 = 0.85073. The places meet the crests within 1 %.
-    waved = path_velocity(straight_path(0.05), [line(0.0, wave=0.1 * MM)])
+    waved = PathVelocity.of(straight_path(0.05), [line(0.0, wave=0.1 * MM)])
     assert waved.fv_m_s == pytest.approx(2.0 * 0.1 * MM * 25.1327 * 0.85073, rel=0.01)
 
 
@@ -153,9 +150,9 @@ def test_overshoot() -> None:
 
 def test_too_little() -> None:
     with pytest.raises(InputError, match="no attained path"):
-        path_figures(straight_path(), [])
+        IsoPathFigures.of(straight_path(), [])
     with pytest.raises(InputError, match="other numbers of cycles"):
-        distance_figures(poses(np.zeros((3, 3))), poses(np.zeros((2, 3))))
-    one = pose_figures(poses([(3, 4, 0)]))
+        DistanceFigures.of(poses(np.zeros((3, 3))), poses(np.zeros((2, 3))))
+    one = PoseFigures.of(poses([(3, 4, 0)]))
     assert one.rp is None
     assert one.ap.low is None

@@ -11,11 +11,10 @@ from hypothesis import given, settings, strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.iso9283.commanded_path import path_of
 from counterflex.evaluate.iso9283.intervals import largest_repeatability, mean_distance
-from counterflex.evaluate.iso9283.path_cycles import path_cycles
-from counterflex.evaluate.iso9283.path_figures import corners, path_figures
-from counterflex.evaluate.iso9283.poses import PoseCycles, pose_figures
+from counterflex.evaluate.iso9283.path_cycles import path_cycles, path_of
+from counterflex.evaluate.iso9283.path_figures import IsoPathFigures, corners
+from counterflex.evaluate.iso9283.poses import PoseCycles, PoseFigures
 from counterflex.evaluate.iso9283.standstills import assigned, fitted_frame, ordered_cycles, pose_cycles, standstills
 from counterflex.geometry import pose, rotation
 
@@ -41,7 +40,7 @@ def cluster(seed: int, n: int = 12) -> PoseCycles:
 def test_an_offset_changes_accuracy_alone(seed: int, offset: tuple[float, float, float]) -> None:
     one = cluster(seed)
     moved = PoseCycles(one.command, one.p + np.array(offset) * MM, one.R)
-    before, after = pose_figures(one), pose_figures(moved)
+    before, after = PoseFigures.of(one), PoseFigures.of(moved)
     assert before.rp is not None
     assert after.rp is not None
     assert after.rp.value == pytest.approx(before.rp.value, rel=1e-7)
@@ -56,7 +55,7 @@ def test_poses_do_not_depend_on_the_frame(seed: int, other: int) -> None:
     one, T = cluster(seed), rigid(other)
     assert one.R is not None
     seen = PoseCycles(T @ one.command, pose.transform(T, one.p), T[:3, :3] @ one.R)
-    a, b = pose_figures(one), pose_figures(seen)
+    a, b = PoseFigures.of(one), PoseFigures.of(seen)
     assert a.rp is not None
     assert b.rp is not None
     assert [b.ap.value, b.rp.value] == pytest.approx([a.ap.value, a.rp.value], rel=1e-6)
@@ -97,7 +96,7 @@ def test_path_figures_do_not_depend_on_the_frame() -> None:
     _, p = run(SQUARE, 3, spread_m=40.0 * UM)
     moved = path_of(pose.transform(T, SQUARE))
     here, there = path_cycles(path, p), path_cycles(moved, pose.transform(T, p))
-    a, b = path_figures(path, here), path_figures(moved, there)
+    a, b = IsoPathFigures.of(path, here), IsoPathFigures.of(moved, there)
     assert a.rt_p is not None
     assert b.rt_p is not None
     assert [b.at_p.value, b.rt_p.value] == pytest.approx([a.at_p.value, a.rt_p.value], rel=1e-6)
@@ -124,7 +123,7 @@ def test_path_comes_back_from_noise() -> None:
     offset, spread, noise = np.array([0.0, 0.0, 0.2]) * MM, 40.0 * UM, 15.0 * UM
     path = path_of(SQUARE)
     _, p = run(SQUARE + offset, 10, seed=4, spread_m=spread, noise_m=noise)
-    f = path_figures(path, path_cycles(path, p))
+    f = IsoPathFigures.of(path, path_cycles(path, p))
     assert f.rt_p is not None
     assert None not in (f.rt_p.low, f.rt_p.high, f.at_p.low, f.at_p.high)
     # Rayleigh: across the path two axes with s = sqrt(40^2 + 15^2): mean 1.2533 s, sigma 0.6551 s
@@ -158,9 +157,9 @@ def test_poses_come_back_from_a_log_in_another_frame() -> None:
     assert len(cycles) == 10
     found = pose_cycles(moved, cycles, commands)
     for k, one in enumerate(found):
-        f = pose_figures(one)
+        f = PoseFigures.of(one)
         assert f.rp is not None
-        same = pose_figures(PoseCycles(commands[k], np.array(truth[k::4])))
+        same = PoseFigures.of(PoseCycles(commands[k], np.array(truth[k::4])))
         assert same.rp is not None
         assert f.rp.value == pytest.approx(same.rp.value, rel=0.05)  # 15 um over 350 readings are 1 um of 30
         assert f.ap.value < 40.0 * UM  # 30 um over 10 cycles, three sigma

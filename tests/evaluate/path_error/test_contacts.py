@@ -12,7 +12,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import remove_tool_path
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.path_error.contacts import UNREST, contacts_of, nodes_of
-from counterflex.evaluate.surface import nominal_surface, surface_deviation
+from counterflex.evaluate.surface import SurfaceDeviation, nominal_surface
 from counterflex.path.toolpath import ToolPath
 
 
@@ -31,7 +31,7 @@ def test_law_agrees_with_the_removal_of_the_displaced_path(mill: Cutter) -> None
     moved = displaced(path, error)
     remove_tool_path(actual, moved, mill, engagement=False)
     surface = nominal_surface(blank, nominal, path.p_part_tcp, mill)
-    judged = surface_deviation(surface, actual, moved.p_part_tcp)
+    judged = SurfaceDeviation.of(surface, actual, moved.p_part_tcp)
     j, i = np.nonzero(np.isfinite(judged.floor_m))
     at = np.column_stack([nominal.x0_m + i * nominal.cell_m, nominal.y0_m + j * nominal.cell_m, nominal.z[j, i]])
     # a floor nearer to a wall was passed by so few stretches that the tool's error across decides which

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM
-from counterflex.files.logs.tracker_exports.formats import FORMATS, DTrackLines, collected, read_export
+from counterflex.files.logs.tracker_exports.formats import FORMATS, DTrackLines, Readings, collected
 from counterflex.files.logs.tracker_exports.point_table import PointTableLines, stamp_ns
 from counterflex.files.logs.tracker_log import log_text
 from counterflex.geometry import pose, rotation
@@ -37,7 +37,7 @@ ROWS = (
 
 @pytest.mark.parametrize(("file", "form", "oriented"), ROWS)
 def test_the_same_readings_in_every_format(file: str, form: str, oriented: bool) -> None:
-    found = read_export(SAMPLES / file, form)
+    found = Readings.read(SAMPLES / file, form)
     assert found.Ts_tracker_target[:, :3, 3] / MM == pytest.approx(POINTS, abs=2e-4)
     assert found.oriented is oriented
     if oriented:
@@ -77,10 +77,10 @@ def test_stamps() -> None:
 
 
 def test_own_log_comes_back(tmp_path: Path) -> None:
-    before = read_export(SAMPLES / "dtrack.log", "dtrack")
+    before = Readings.read(SAMPLES / "dtrack.log", "dtrack")
     assert before.time_s is not None
     (tmp_path / "log.csv").write_text(log_text(before.time_s, before.Ts_tracker_target, 15e-6))
-    after = read_export(tmp_path / "log.csv")
+    after = Readings.read(tmp_path / "log.csv")
     assert after.Ts_tracker_target == pytest.approx(before.Ts_tracker_target, abs=1e-8)
     assert after.sigma_m == pytest.approx(15e-6)
     assert after.oriented
@@ -110,7 +110,7 @@ def test_bad_exports(tmp_path: Path, form: str, text: str, message: str) -> None
     file = tmp_path / "export.txt"
     file.write_text(text)
     with pytest.raises(FileFormatError, match=message) as fault:
-        read_export(file, form)
+        Readings.read(file, form)
     assert "\n" not in str(fault.value)
     assert "export.txt" in str(fault.value)
 

@@ -11,7 +11,7 @@ from counterflex.app.identification.cell_model import model_of
 from counterflex.core.errors import InputError, ModelError
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.geometry.rotation_derivative import inverse_left_jacobian, left_jacobian
+from counterflex.geometry.rotation import inverse_left_jacobian, left_jacobian
 from counterflex.identify.geometry.arm_geometry import displaced_arm
 from counterflex.identify.geometry.arm_parameters import ArmModel, ArmPriors, arm_model, sag_of
 from counterflex.identify.geometry.fiducials import FiducialResiduals

@@ -27,8 +27,7 @@ from counterflex.identify.stiffness import recipe as stiffness
 from counterflex.identify.stiffness.piecewise_compliance import BLEND_RAD
 from counterflex.robot.elasticity.chain import forward_elastic
 from counterflex.robot.elasticity.compliance import deflection
-from counterflex.robot.model.compliance_curve import ComplianceCurve
-from counterflex.robot.model.description import ElasticRegion
+from counterflex.robot.model.description import ComplianceCurve, ElasticRegion
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.truth.nominal import nominal_truth
 from counterflex.twin.truth.other import GearCurve

@@ -11,8 +11,8 @@ from hypothesis import given, strategies as st
 from counterflex.core.errors import ProtocolError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
-from counterflex.integrations.abb.link.messages import MESSAGES
 from counterflex.integrations.abb.link.telegram import (
+    MESSAGES,
     RobotState,
     measured_force,
     read_guidance,

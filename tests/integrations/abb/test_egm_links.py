@@ -16,13 +16,18 @@ from hypothesis import given, strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.geometry import pose, rotation
-from counterflex.integrations.abb.link.force import FROZEN, EgmForce
 from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink, GuidanceSettings, Phase
-from counterflex.integrations.abb.link.messages import MESSAGES
+from counterflex.integrations.abb.link.link import FROZEN, EgmForce
 from counterflex.integrations.abb.link.path_link import EgmPathLink, path_frame
-from counterflex.integrations.abb.link.telegram import RobotState, read_guidance, read_path_correction, write_guidance
+from counterflex.integrations.abb.link.telegram import (
+    MESSAGES,
+    RobotState,
+    read_guidance,
+    read_path_correction,
+    write_guidance,
+)
 from counterflex.integrations.abb.simulated import EgmContext, FakeEgm
-from counterflex.path.stream import PoseStream
+from counterflex.path.path_speed import PoseStream
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.robot.model.controller_axes import from_geometry
 from counterflex.runtime.state.supervisor import State

@@ -26,7 +26,7 @@ def read_record(data: bytes) -> netft.NetftRecord:
 def test_an_observed_record() -> None:
     data = bytes.fromhex("0000000200000002000000000" + "00f4240ffe17b80002dc6c000002710ffffb1e000007530")
     record = read_record(data)
-    scaling = netft.read_scaling(netft.write_scaling(1_000_000, 1_000_000, 1000, "Net F/T"))
+    scaling = netft.Scaling.of(netft.write_scaling(1_000_000, 1_000_000, 1000, "Net F/T"))
     assert record.sequence == record.sample == 2
     assert record.usable
     assert [c * scaling.force_n for c in record.counts[:3]] == pytest.approx([1.0, -2.0, 3.0])
@@ -56,7 +56,7 @@ def test_gaps_are_counted_across_the_wrap(before: int, gap: int) -> None:
 )
 def test_units_of_real_devices(unit: str, factor: float) -> None:
     document = netft.write_scaling(1000, 1000, 7000, "Axia").replace(b"N-m", unit.encode())
-    assert netft.read_scaling(document).moment_nm == pytest.approx(factor / 1000)
+    assert netft.Scaling.of(document).moment_nm == pytest.approx(factor / 1000)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_sensors_that_tell_neither_name_nor_rate_are_read(
 ) -> None:
     document = netft.write_scaling(1000, 2000, 7000, "Axia")
     assert old in document
-    scaling = netft.read_scaling(document.replace(old, new, 1))
+    scaling = netft.Scaling.of(document.replace(old, new, 1))
     assert (scaling.force_n, scaling.moment_nm) == (1e-3, 5e-4)
     assert (scaling.rate_hz, scaling.product) == (rate_hz, product)
 
@@ -93,7 +93,7 @@ def test_sensors_that_tell_neither_name_nor_rate_are_read(
 )
 def test_scaling_faults_are_named(old: bytes, new: bytes, said: str) -> None:
     with pytest.raises(ProtocolError, match=said):
-        netft.read_scaling(netft.write_scaling(1000, 1000, 1000, "x").replace(old, new))
+        netft.Scaling.of(netft.write_scaling(1000, 1000, 1000, "x").replace(old, new))
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_scaling_faults_are_named(old: bytes, new: bytes, said: str) -> None:
 def test_a_web_page_is_no_sensor(document: bytes, said: str) -> None:
     """Another device at the address: an XML error or a missing field told nobody so."""
     with pytest.raises(ProtocolError, match=said) as told:
-        netft.read_scaling(document, "http://192.168.1.1:80/netftapi2.xml")
+        netft.Scaling.of(document, "http://192.168.1.1:80/netftapi2.xml")
     assert "address" in str(told.value)
 
 
@@ -130,7 +130,7 @@ RATED = b"<cfgmr>330;330;990;30;30;30</cfgmr>"
 def test_what_a_sensor_is_calibrated_for(more: bytes, forces: tuple[float, ...], moments: tuple[float, ...]) -> None:
     """As a Net F/T states it, in its own units and about its own origin."""
     document = netft.write_scaling(1000, 1000, 7000, "Gamma").replace(b"</netft>", more + b"</netft>")
-    scaling = netft.read_scaling(document)
+    scaling = netft.Scaling.of(document)
     assert scaling.range_n == pytest.approx(forces)
     assert scaling.range_nm == pytest.approx(moments, rel=1e-4)
 

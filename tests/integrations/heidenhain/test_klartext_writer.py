@@ -15,7 +15,7 @@ from counterflex.integrations.heidenhain.language.in_place import write_heidenha
 from counterflex.integrations.heidenhain.language.reader import read_heidenhain
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.program import Program
-from counterflex.programs.rotary.poses import RotaryWords, commanded_words, turned_path
+from counterflex.programs.rotary.poses import CommandedWords, RotaryWords, turned_path
 from robot_corrections import corrected, gap_to_polyline
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "programs"
@@ -205,7 +205,7 @@ def test_a_tilted_plane_is_written_in_its_own_axes() -> None:
     turned = turned_path(program, words, step_m=0.5 * MM, rapid_speed_m_s=0.5)
     way = np.linspace(0.0, 1.0, len(turned.path))[:, None]
     shift = 0.1 * MM * np.sin(3.0 * way) * np.array([0.3, 1.0, 0.6])
-    made = commanded_words(turned, words, shift, 1e-3 * way * np.array([1.0, 0.0, 0.0]))
+    made = CommandedWords.of(turned, words, shift, 1e-3 * way * np.array([1.0, 0.0, 0.0]))
     nominal = CompensatedPath.nominal(turned.path)
     written = write_heidenhain(program, nominal, tolerance_m=TOLERANCE_M, words=made)
     assert written.largest_dropped_rotation_rad == pytest.approx(1e-3, rel=0.2)
@@ -224,7 +224,7 @@ def test_tool_vectors_and_rotary_words_are_written_with_their_axis() -> None:
     words = RotaryWords.of(program, None)
     turned = turned_path(program, words, step_m=0.5 * MM, rapid_speed_m_s=0.5)
     turn = np.tile([0.0, 2e-4, 0.0], (len(turned.path), 1))
-    made = commanded_words(turned, words, np.full((len(turned.path), 3), 0.05 * MM), turn)
+    made = CommandedWords.of(turned, words, np.full((len(turned.path), 3), 0.05 * MM), turn)
     written = write_heidenhain(program, CompensatedPath.nominal(turned.path), tolerance_m=TOLERANCE_M, words=made)
     back = read_heidenhain(written.text, complete=True)
     np.testing.assert_allclose(back.motions[-1].abc_end, made.angle_command_rad[-1], atol=1e-7)

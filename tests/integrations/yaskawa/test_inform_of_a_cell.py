@@ -18,8 +18,8 @@ from counterflex.geometry import pose
 from counterflex.integrations.yaskawa.axes import AXES
 from counterflex.integrations.yaskawa.language.frames import InformCell
 from counterflex.integrations.yaskawa.language.job import configurations
+from counterflex.integrations.yaskawa.language.program import rconf
 from counterflex.integrations.yaskawa.language.reader import read_inform, read_inform_file
-from counterflex.integrations.yaskawa.language.spelling import rconf
 from counterflex.programs.language import LANGUAGES, at_prompt
 from counterflex.programs.reading import dialect_of, read_program_file
 from counterflex.robot.elasticity.chain import forward

@@ -22,7 +22,7 @@ from counterflex.plan.inputs import solve_joints
 from counterflex.plan.posture.choose import Freedom, choose
 from counterflex.plan.posture.held import PostureTask
 from counterflex.robot.elasticity.chain import forward
-from counterflex.twin.plant.controller import interpolate
+from counterflex.twin.plant.controller import CommandedReference
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 CELL, GROOVE = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs" / "groove.ngc"
@@ -49,7 +49,7 @@ def test_planner_and_simulated_controller_turn_alike(tmp_path: Path) -> None:
     cell = _turning_cell(tmp_path)
     job, setting = read_job(GROOVE, cell), setting_of(cell)
     q = solve_joints(job.machined, job.line_of_motion[job.machined.motion], setting).q
-    reference = interpolate(job.machined, controller(cell))
+    reference = CommandedReference.interpolated(job.machined, controller(cell))
     chain = setting.controller_chain
     T_planned, T_run = forward(chain, q), forward(chain, reference.q_ref)
     assert np.arccos((np.trace(T_planned[0, :3, :3].T @ T_planned[-1, :3, :3]) - 1.0) / 2.0) == pytest.approx(35 * DEG)

@@ -13,9 +13,9 @@ from counterflex.sensing.holder_design.bricks import MirroredBody, solve
 from counterflex.sensing.holder_design.drawing import Drawing, Pocket
 from counterflex.sensing.holder_design.places import (
     Behaviour,
+    Chosen,
     beam_tip,
     behaviour,
-    choose,
     gain_by_pocket,
     lost_stiffness,
     without_ribs,
@@ -84,7 +84,7 @@ def test_mirrored_cheeks_show_mirrored_strains(cut: Behaviour) -> None:
 
 def test_places_are_chosen_within_the_limit_and_see_more(plain: Behaviour, cut: Behaviour) -> None:
     assert np.max(lost_stiffness(plain, cut)) > 0.05
-    chosen = choose(DRAWING, 6, 0.05, MESH_M, NOISE, bricks=1)
+    chosen = Chosen.of(DRAWING, 6, 0.05, MESH_M, NOISE, bricks=1)
     assert np.all(lost_stiffness(chosen.plain, chosen.cut) <= 0.05)
     assert chosen.cut.sight is not None
     assert cut.sight is not None
@@ -119,9 +119,9 @@ def test_pockets_that_meet_and_limits_that_cannot_be_kept_are_refused() -> None:
         Drawing(BEAM, (one, replace(one, z_m=one.z_m + 0.0065)), TCP)
     Drawing(BEAM, (one, replace(one, outer=False, depth_m=0.005)), TCP)
     with pytest.raises(InputError, match="no pocket"):
-        choose(Drawing(BEAM, (), TCP), 6, 0.1, MESH_M, NOISE, bricks=1)
+        Chosen.of(Drawing(BEAM, (), TCP), 6, 0.1, MESH_M, NOISE, bricks=1)
     with pytest.raises(InputError, match="keeps the limit"):
-        choose(Drawing(BEAM, (one,), TCP), 3, 1e-4, 2.0 * MESH_M, NOISE, bricks=1)
+        Chosen.of(Drawing(BEAM, (one,), TCP), 3, 1e-4, 2.0 * MESH_M, NOISE, bricks=1)
 
 
 def test_a_mirrored_cheek_is_what_its_own_solution_is() -> None:

@@ -26,8 +26,7 @@ from counterflex.files.cell.cell import Cell
 
 POINT_MM: Final = INCH / MM / 72.0
 """Unit of length of a PDF."""
-_ROUND: Final = 0.5522847498
-"""Handles of a Bezier curve for a quarter of a circle of radius 1."""
+_ROUND: Final = 0.5522847498  # Handles of a Bezier curve for a quarter of a circle of radius 1
 _STYLES: Final = {  # class: width, dashes, grey or colour, filled
     "": (0.5, "", "0.07 G", False),
     "thin": (0.25, "", "0.07 G", False),

@@ -33,6 +33,16 @@ class Placement:
     name: str = ""  # Of files and rows; empty for the place that the cell file says
     pose: dict[str, float] = field(default_factory=dict)  # Keys of ``[part]`` that differ from the cell file
 
+    @classmethod
+    def of(cls, row: Mapping[str, Any], columns: Sequence[str], where: str) -> Placement:
+        """Read a placement from a row of its table."""
+        if None in row:  # what stands behind the last column
+            raise FileFormatError("a row has more cells than the header", where=where, limit=len(columns))
+        name = row["name"] or ""
+        if not _NAME.fullmatch(name):
+            raise FileFormatError("no name for a folder", where=where, value=name, limit="letters, digits, . _ -")
+        return cls(name, {key: _number(row[key], where, key) for key in columns if key != "name"})
+
 
 @dataclass(frozen=True)
 class CampaignSetup:
@@ -112,19 +122,10 @@ def read_placements(file: str | Path) -> tuple[Placement, ...]:
         raise FileFormatError("the columns are not those of placements", where=where, value=columns, limit=known)
     if len(rows) > MOST_PLACEMENTS:
         raise FileFormatError("too many placements", where=where, value=len(rows), limit=MOST_PLACEMENTS)
-    placements = [_placement(row, columns, f"{where}:{number}") for number, row in enumerate(rows, start=2)]
+    placements = [Placement.of(row, columns, f"{where}:{number}") for number, row in enumerate(rows, start=2)]
     if (name := twice([place.name.lower() for place in placements])) is not None:
         raise FileFormatError("two placements have the same name", where=where, value=name)
     return tuple(placements)
-
-
-def _placement(row: Mapping[str, Any], columns: Sequence[str], where: str) -> Placement:
-    if None in row:  # what stands behind the last column
-        raise FileFormatError("a row has more cells than the header", where=where, limit=len(columns))
-    name = row["name"] or ""
-    if not _NAME.fullmatch(name):
-        raise FileFormatError("no name for a folder", where=where, value=name, limit="letters, digits, . _ -")
-    return Placement(name, {key: _number(row[key], where, key) for key in columns if key != "name"})
 
 
 def branch_and_rotation(text: str) -> tuple[str, float]:

@@ -18,8 +18,7 @@ import polars
 
 from counterflex import __version__
 from counterflex.app.campaign.axes import IDENTIFY_ONLY, CampaignSetup, Grid
-from counterflex.app.campaign.plan import CampaignRecipe, campaign_of
-from counterflex.app.campaign.step import CELL, RESULT
+from counterflex.app.campaign.step import CELL, RESULT, CampaignRecipe, campaign_of
 from counterflex.app.campaign.tasks import Layout, TaskPlace, machined_name, tasks_of
 from counterflex.app.compensation.cell_facts import robot_name
 from counterflex.app.inputs import read_in_plane

@@ -7,14 +7,120 @@ import importlib.metadata
 import platform
 import statistics
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.prediction_interval import worse_text
 from counterflex.evaluate.summary import TRUTH_LEVELS
 from counterflex.files.shop_unit import unit_of_name
-from counterflex.report.campaign_page import CampaignData, CampaignOfSeed, FigureRow, RecipeRow, TruthRow
-from counterflex.report.data import Fact
+from counterflex.report.data import Fact, Head
+from counterflex.report.page import render
+
+
+@dataclass(frozen=True)
+class FigureRow:
+    """A figure of an identification."""
+
+    text: str
+    before: str  # With the cell before it, as printed, or empty
+    value: str
+
+
+@dataclass(frozen=True)
+class RecipeRow:
+    """One recipe of one campaign."""
+
+    recipe: str
+    rows: str  # Measured rows, fit and validation, as printed
+    verdict: str  # ``accepted``, or why it was not
+    accepted: bool  # Whether the cell file took it over
+    figures: tuple[FigureRow, ...]
+    seconds: str
+    report: str = ""  # Where the report of the identification is, relative to the page, or empty
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> RecipeRow:
+        """Build the row of one recipe."""
+        return cls(
+            recipe=row["recipe"],
+            rows=" + ".join(str(value) for value in row["rows"].values()),
+            verdict=row["why"],
+            accepted=row["accepted"],
+            figures=tuple(
+                FigureRow(
+                    figure["text"],
+                    "" if figure["nominal"] is None else f"{figure['nominal']:.4g}",
+                    f"{figure['value']:.4g} {unit_of_name(figure['name'])}".strip(),
+                )
+                for figure in row["headline"]
+            ),
+            seconds=f"{sum(row['seconds'].values()):.0f} s",
+            report=row["report"],
+        )
+
+
+@dataclass(frozen=True)
+class TruthRow:
+    """One line of the comparison with the truth, as printed; ``better`` where the error became smaller."""
+
+    name: str
+    before: str
+    identified: str
+    true: str
+    better: bool
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> TruthRow:
+        """Build the row of one truth."""
+        goal = 0.0 if row["true"] is None else row["true"]
+        return cls(
+            name=f"{row['name']}, {row['unit']}",
+            before=f"{row['before']:.4g}",
+            identified=f"{row['identified']:.4g}",
+            true="" if row["true"] is None else f"{row['true']:.4g}",
+            better=abs(row["identified"] - goal) <= abs(row["before"] - goal),
+        )
+
+
+@dataclass(frozen=True)
+class CampaignOfSeed:
+    """One truth."""
+
+    seed: str
+    recipes: tuple[RecipeRow, ...]  # In order
+    truths: Mapping[str, tuple[TruthRow, ...]]  # By group: what planning uses, stiffness, ..
+
+    @classmethod
+    def of(cls, item: Mapping[str, Any]) -> CampaignOfSeed:
+        """Build from the files of the campaign of one seed."""
+        truths: dict[str, tuple[TruthRow, ...]] = {}
+        for group, title in _GROUPS.items():
+            rows = [row for row in item["parameter_errors"] if row["group"] == group]
+            if rows:
+                truths[title] = tuple(TruthRow.of(row) for row in rows)
+        return cls(
+            seed="as the cell file" if item["seed"] is None else f"seed {item['seed']}",
+            recipes=tuple(RecipeRow.of(row) for row in item["recipes"]),
+            truths=truths,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignData(Head):
+    """Everything on the page."""
+
+    verdict: str  # The result in one sentence, or empty where nothing was machined
+    cards: Sequence[tuple[str, str, str]]
+    columns: Sequence[str]  # Header of the table over the seeds
+    rows: Sequence[Sequence[str]]
+    seeds: tuple[CampaignOfSeed, ...]
+    facts: tuple[Fact, ...] = ()
+
+    def page(self) -> str:
+        """The page, as HTML text."""
+        return render("campaign.html.j2", {}, [], data=self)
+
 
 COLUMNS: Final = (
     "seed",
@@ -67,7 +173,7 @@ def campaign_page_of(summary: Mapping[str, Any]) -> str:
         cards=_cards(summary),
         columns=columns,
         rows=shown,
-        seeds=tuple(_campaign(item) for item in summary["campaigns"]),
+        seeds=tuple(CampaignOfSeed.of(item) for item in summary["campaigns"]),
         facts=(
             Fact("Cell", str(summary["cell"])),
             Fact("Robot", str(summary["robot"])),
@@ -186,55 +292,12 @@ def _cards(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     return cards
 
 
-def _campaign(item: Mapping[str, Any]) -> CampaignOfSeed:
-    truths: dict[str, tuple[TruthRow, ...]] = {}
-    for group, title in _GROUPS.items():
-        rows = [row for row in item["parameter_errors"] if row["group"] == group]
-        if rows:
-            truths[title] = tuple(_truth(row) for row in rows)
-    return CampaignOfSeed(
-        seed="as the cell file" if item["seed"] is None else f"seed {item['seed']}",
-        recipes=tuple(_recipe(row) for row in item["recipes"]),
-        truths=truths,
-    )
-
-
-def _recipe(row: Mapping[str, Any]) -> RecipeRow:
-    return RecipeRow(
-        recipe=row["recipe"],
-        rows=" + ".join(str(value) for value in row["rows"].values()),
-        verdict=row["why"],
-        accepted=row["accepted"],
-        figures=tuple(
-            FigureRow(
-                figure["text"],
-                "" if figure["nominal"] is None else f"{figure['nominal']:.4g}",
-                f"{figure['value']:.4g} {unit_of_name(figure['name'])}".strip(),
-            )
-            for figure in row["headline"]
-        ),
-        seconds=f"{sum(row['seconds'].values()):.0f} s",
-        report=row["report"],
-    )
-
-
-def _truth(row: Mapping[str, Any]) -> TruthRow:
-    goal = 0.0 if row["true"] is None else row["true"]
-    return TruthRow(
-        name=f"{row['name']}, {row['unit']}",
-        before=f"{row['before']:.4g}",
-        identified=f"{row['identified']:.4g}",
-        true="" if row["true"] is None else f"{row['true']:.4g}",
-        better=abs(row["identified"] - goal) <= abs(row["before"] - goal),
-    )
-
-
 def headline_rows(summary: Mapping[str, Any]) -> list[list[str]]:
     """First headline figure of every recipe: seed, recipe, figure, before, identified, whether it was taken over."""
     rows = []
     for item in summary["campaigns"]:
         for row in item["recipes"]:
-            shown = _recipe(row)
+            shown = RecipeRow.of(row)
             first = shown.figures[0] if shown.figures else FigureRow("refused", "", "")
             seed = "none" if item["seed"] is None else str(item["seed"])
             rows.append([seed, shown.recipe, first.text, first.before, first.value, "yes" if shown.accepted else "no"])

@@ -12,24 +12,22 @@ import numpy as np
 
 from counterflex.app.campaign.axes import CHOSEN, PRESENT, CampaignSetup, branch_and_rotation
 from counterflex.app.campaign.parameter_errors import parameter_errors
-from counterflex.app.campaign.plan import CampaignRecipe
-from counterflex.app.campaign.step import CELL, step
-from counterflex.app.compensation.compensate import compensate
-from counterflex.app.compensation.feed_limits import limited_feed
+from counterflex.app.campaign.step import CELL, CampaignRecipe, step
+from counterflex.app.compensation.compensate import compensate, limited_feed
 from counterflex.app.compensation.languages import own_language, write
 from counterflex.app.inputs import faults_in, in_working_plane, read_in_plane, read_job, setting_of
 from counterflex.app.long_jobs.task import Reads, Task, Writes
-from counterflex.app.posture import posture_of
+from counterflex.app.posture import PostureOf
 from counterflex.app.proof import simulate
-from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import ProofReference, judge, reference_of
+from counterflex.app.proof.truth import exact_setting
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, share_of, silent
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_placed_as, text_with_part, text_with_posture
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
 from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.truth.file import read_truth
@@ -57,7 +55,7 @@ def placed(
     atomic.write_text(target, text_with_part(Path(cell_file), pose, out))
     cell = read_cell(target)
     if posture == CHOSEN:
-        best = posture_of(program, cell, progress=progress).chosen.best
+        best = PostureOf.of(program, cell, progress=progress).chosen.best
         atomic.write_text(target, text_with_posture(target, best.branch, best.rotation_rad / DEG, out))
     elif posture != PRESENT:
         branch, rotation_deg = branch_and_rotation(posture)
@@ -178,8 +176,7 @@ def _joints(cell: Cell, program: str | None) -> Float:
 
 
 TRUTH: Final = "truth.toml"
-_PLACING, _CHOOSING, _PLANNING, _COMPARING = 0.02, 0.5, 0.2, 0.05
-"""Expected time, relative to a machining."""
+_PLACING, _CHOOSING, _PLANNING, _COMPARING = 0.02, 0.5, 0.2, 0.05  # Expected time, relative to a machining
 
 
 @dataclass(frozen=True)

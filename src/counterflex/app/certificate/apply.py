@@ -25,8 +25,7 @@ from counterflex.files.dataset.manifest import read_manifest
 _FORCE: Final = (1, 1, -2, 0, 0, 0)
 _MOMENT: Final = (2, 1, -2, 0, 0, 0)
 _ROWS: Final = (_FORCE,) * 3 + (_MOMENT,) * 3
-_EXPANDED: Final = 2.0
-"""Coverage factor of an expanded uncertainty that counterflex writes."""
+_EXPANDED: Final = 2.0  # Coverage factor of an expanded uncertainty that counterflex writes
 
 
 @dataclass(frozen=True)

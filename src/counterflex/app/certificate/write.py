@@ -51,7 +51,7 @@ def write_document(
         place.write_bytes(data)
         back = read_certificate(place)
         if schema is not None:
-            from counterflex.files.certificate.schema_check import require_valid
+            from counterflex.files.certificate.document import require_valid
 
             require_valid(place, schema)
     if any(quantity.unread for quantity in back.quantities):

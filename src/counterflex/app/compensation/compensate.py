@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from counterflex import __version__
-from counterflex.app.compensation.feed_limits import limited_feed, shown_limits
 from counterflex.app.compensation.languages import own_language, require_tolerance, write
 from counterflex.app.compensation.prediction import calm_feed, prediction, summary_of
 from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
 from counterflex.app.external_moves import require_allowed, require_clear
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
-from counterflex.app.named_lines import with_files
-from counterflex.app.robot_programs import inputs_of
+from counterflex.app.robot_programs import inputs_of, with_files
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -33,11 +31,39 @@ from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.feed_for_tolerance import ROUNDS, FeedTolerance, LoweredFeed, lower_feed
-from counterflex.plan.feed_limits import LimitedFeed
-from counterflex.plan.inputs import Setting
+from counterflex.plan.feed_limits import LimitedFeed, known, limit_feed
+from counterflex.plan.inputs import CompensationInputs, Setting, solve_joints
 from counterflex.plan.plan import Plan
 from counterflex.programs.compensated import refuse_compensated
 from counterflex.programs.language import LANGUAGES, dialect_at
+
+
+def limited_feed(job: Job, cell: Cell, setting: Setting) -> LimitedFeed | None:
+    """The program at feeds within ``[process_limits]``; None where the cell file has no limit that a feed keeps."""
+    if not any(known(cell.process_limits(tool.number)) for tool in cell.tables.tools):
+        return None
+    line = job.line_of_motion[job.path.motion]
+    inputs = CompensationInputs(job.path, line, cell.stock(), setting, solve_joints(job.path, line, setting).q)
+    return limit_feed(inputs, job.feeds, cell.process_limits)
+
+
+def shown_limits(limited: LimitedFeed) -> dict[str, Any]:
+    """Return what became of the feed, in shop units."""
+    return {
+        "extra_s": round(limited.extra_s, 3),
+        "kept": all(line.after_share <= 1.001 for line in limited.lines),
+        "lines": [
+            {
+                "line": line.line,
+                "feed_percent": round(100.0 * line.share, 1),
+                "limit": line.limit,
+                "before_percent": round(100.0 * line.before, 1),
+                "after_percent": round(100.0 * line.after_share, 1),
+                "kept": bool(line.after_share <= 1.001),
+            }
+            for line in limited.lines
+        ],
+    }
 
 
 def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, progress: Progress) -> LoweredFeed:

@@ -26,7 +26,7 @@ from counterflex.plan.plan import Plan, job_hash
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.language import GCODE, LANGUAGES, dialect_at, object_at
 from counterflex.programs.program import Program
-from counterflex.programs.rotary.poses import commanded_words
+from counterflex.programs.rotary.poses import CommandedWords
 
 RESULTS: Final = ("plan.parquet", "summary.json", "report.html")
 """What stands beside the program files."""
@@ -112,7 +112,7 @@ def _machine_in_place(order: WritingOrder) -> Written:
     commanded = CompensatedPath.from_correction(job.sampled, correction, rotvec)
     words = None
     if job.turned is not None and job.words is not None:
-        words = commanded_words(job.turned, job.words, correction, rotvec)
+        words = CommandedWords.of(job.turned, job.words, correction, rotvec)
     text = object_at(LANGUAGES[job.program.dialect].in_place)(
         job.program,
         commanded,

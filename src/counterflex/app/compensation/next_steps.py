@@ -16,8 +16,7 @@ from counterflex.report.data import Fact
 
 _ENOUGH: Final = 0.8
 """Share of the error that an unmeasured cell can be expected to lose; below it measuring comes first."""
-_MOST: Final = 6
-"""Features out of tolerance that are listed one by one."""
+_MOST: Final = 6  # Features out of tolerance that are listed one by one
 _PLACES: Final = {
     "entry": "where the cutter enters the material",
     "plateau": "between entry and exit",

@@ -12,10 +12,11 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.compensation.cell_facts import assumptions, drawing, robot_name
-from counterflex.app.compensation.chip_remark import extrapolation, extrapolation_text
 from counterflex.app.compensation.headline import (
     LISTED,
     error_rows,
+    extrapolation,
+    extrapolation_text,
     headline_of,
     named_lines,
     worse_lines,
@@ -29,7 +30,7 @@ from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
-from counterflex.evaluate.figures import weighted_figures
+from counterflex.evaluate.figures import DeviationFigures
 from counterflex.files.cell.cell import Cell
 from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.toolpath import FEED, RAPID
@@ -39,15 +40,13 @@ from counterflex.plan.lasting_swing import lasting_swings
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across, job_hash
 from counterflex.plan.stock_grain import GRAIN_M, fine_enough, grain_per_cell
-from counterflex.programs.stated.posture import other_postures
-from counterflex.programs.stated.two_readings import doubtful_readings
+from counterflex.programs.stated.two_readings import doubtful_readings, other_postures
 from counterflex.report.data import Fact, FeedData, PredictionData
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.elastic_region import beyond_regions
 
 _OVERSHOOT: Final = 2.0
-_FREE_PLAY_M: Final = 20.0 * UM
-"""Beside the overshoot: what play and friction leave open."""
+_FREE_PLAY_M: Final = 20.0 * UM  # Beside the overshoot: what play and friction leave open
 
 
 def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
@@ -160,7 +159,7 @@ def swing_warnings(swings: list[dict[str, Any]]) -> list[str]:
 
 def path_error(size_m: Float, weight_m: Float) -> dict[str, float]:
     """Largest, 99.7 % and rms of an error, weighted by path length, mm."""
-    figures = weighted_figures(size_m, weight_m)
+    figures = DeviationFigures.weighted(size_m, weight_m)
     values = {"max_mm": figures.max_m, "p997_mm": figures.p997_m, "rms_mm": figures.rms_m}
     return {key: round(value / MM, 4) for key, value in values.items()}
 

@@ -20,8 +20,8 @@ from counterflex.plan.preflight.size import ProgramSize
 from counterflex.programs.language import LANGUAGES, is_robot, robot_dialects
 from counterflex.programs.limits import Limits
 from counterflex.programs.program import Block
-from counterflex.programs.robot_writer.parts import robot_parts
 from counterflex.programs.robot_writer.points import choose_points, event_motions
+from counterflex.programs.robot_writer.writer import robot_parts
 from counterflex.robot.model.controller_axes import MAKERS
 
 TOLERANCE_M: Final = 5.0 * UM

@@ -12,12 +12,12 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.programs.gcode.read.motion import UNKNOWN_PLACE
-from counterflex.programs.language import forms_of
+from counterflex.programs.language import StatementForms
 from counterflex.programs.limits import RESERVED
 from counterflex.programs.program import Program, has_g
 from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.robot_writer.implied_stops import implied_stops
-from counterflex.programs.robot_writer.parts import changes_tool
+from counterflex.programs.robot_writer.spaced_points import implied_stops
+from counterflex.programs.robot_writer.writer import changes_tool
 
 _HOMING: Final = frozenset((28.0, 30.0, 53.0))
 _NAME_CHARACTERS: Final = 20
@@ -179,7 +179,7 @@ def tool_data(program: Program, cell: Cell, language: str) -> dict[int, str]:
             used.setdefault(motion.tool, motion.block)
     unnamed = [tool for tool in used if tool not in named]
     if unnamed and len(used) > 1:
-        key, tools = forms_of(language).data_key, ", ".join(f"T{tool}" for tool in unnamed)
+        key, tools = StatementForms.of(language).data_key, ", ".join(f"T{tool}" for tool in unnamed)
         raise ProgramError(
             "the program changes tools, and the cell file does not say which frame "
             + ("one of them has" if len(unnamed) == 1 else f"{len(unnamed)} of them have"),

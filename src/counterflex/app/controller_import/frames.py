@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.registry import Registry
 from counterflex.core.similar import close_to
 
 
@@ -82,3 +85,20 @@ class ControllerData:
                 hint=f"Did you mean {close[0]}?" if close else f"Give the file that sets the {what}",
             )  # fmt: skip
         return frames[key]
+
+
+@dataclass(frozen=True)
+class DataKind:
+    """Files of a controller."""
+
+    title: str
+    # Data of a text, by its text and name; None where it is none of these files
+    read: Callable[[str, str], ControllerData | None]
+    root: str = ""  # File that says where the robot stands in the world of the controller
+
+
+DATA_KINDS: Final[Registry[DataKind]] = Registry(
+    "counterflex.controller_data",
+    "kind of controller data",
+    "counterflex.app.controller_import.frames:DataKind",
+)

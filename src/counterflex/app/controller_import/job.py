@@ -10,8 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.controller_import.frames import ControllerData
-from counterflex.app.controller_import.kinds import DATA_KINDS
+from counterflex.app.controller_import.frames import DATA_KINDS, ControllerData
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, ModelError
@@ -29,8 +28,7 @@ from counterflex.robot.model.description import Robot
 JOINTS: Final = tuple(f"q{i}_deg" for i in range(1, 7))
 POSE: Final = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
 _MOST: Final = 10_000
-_CONSTANT: Final = 0.2
-"""A difference counts as constant where its spread over the poses is below this share of it."""
+_CONSTANT: Final = 0.2  # A difference counts as constant where its spread over the poses is below this share of it
 
 
 @dataclass(frozen=True)

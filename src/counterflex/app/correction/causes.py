@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import datetime
+import hashlib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from counterflex import __version__
+from counterflex.app.correction.scans import Corrected
 from counterflex.app.lowest_mode import STATED, identified_sigma
 from counterflex.app.unknowns import HANDBOOK, IDENTIFIED
+from counterflex.core import file_content
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ModelError
 from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG, MM, MRAD
+from counterflex.evaluate.path_error.estimate import EVIDENCE
 from counterflex.evaluate.path_error.explanations import NOTHING, ErrorCause, Explanation
 from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
+from counterflex.files.cell.update import require_new, updated_text, write_new
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import Change, CuttingLaw, ElementCompliance, TableValues
 from counterflex.plan.plan import Plan
@@ -25,8 +34,7 @@ DIRECTIONS: Final = "stiffness by direction"
 OFFSET_M: Final = 0.1 * MM
 ROTATION_RAD: Final = 0.5 * MRAD
 """What is known of the part frame: how well a probe of the robot or a tracker finds it."""
-_SHARE: Final = 0.1
-"""Of the deflection, from which an element is a cause of its own."""
+_SHARE: Final = 0.1  # Of the deflection, from which an element is a cause of its own
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,30 +44,32 @@ class Known:
     causes: tuple[ErrorCause, ...]
     together: tuple[tuple[str, ...], ...]
 
+    @classmethod
+    def of(cls, plan: Plan, cell: Cell, row: Int) -> Known:
+        """Return what may be behind the errors of a path.
 
-def causes_of(plan: Plan, cell: Cell, row: Int) -> Known:
-    """Return what may be behind the errors of a path.
-
-    Args:
-        row: (k,) rows of the nodes.
-    """
-    deflection = plan.deflection_part[row, :3]
-    force_known = any(entry.recipe in ("cutting", "production") for entry in cell.tables.identified)
-    out = [
-        ErrorCause(FORCE, ("force, relative",), deflection[None], np.array([IDENTIFIED if force_known else HANDBOOK]))
-    ]
-    if not cell.holds_part:
-        out += _of_segments(plan, cell, row)
-    by_axis = np.stack([deflection * np.eye(3)[a] for a in range(3)])
-    seen = np.sum(by_axis**2, axis=(1, 2)) > _SHARE**2 * float(np.sum(deflection**2))
-    if np.any(seen):
-        along = tuple(f"compliance along {a}, relative" for a, on in zip("xyz", seen, strict=True) if on)
-        out.append(ErrorCause(DIRECTIONS, along, by_axis[seen], np.full(int(seen.sum()), STATED)))
-    out += _frame(plan.path.p_part_tcp[row])
-    names = [cause.name for cause in out]
-    together = [(FORCE, FRAME), (FORCE, FRAME, TURNED), (DIRECTIONS, FRAME)]
-    together += [(FORCE, name) for name in (ARM, END) if name in names]
-    return Known(tuple(out), tuple(one for one in together if set(one) <= set(names)))
+        Args:
+            row: (k,) rows of the nodes.
+        """
+        deflection = plan.deflection_part[row, :3]
+        force_known = any(entry.recipe in ("cutting", "production") for entry in cell.tables.identified)
+        out = [
+            ErrorCause(
+                FORCE, ("force, relative",), deflection[None], np.array([IDENTIFIED if force_known else HANDBOOK])
+            )
+        ]
+        if not cell.holds_part:
+            out += _of_segments(plan, cell, row)
+        by_axis = np.stack([deflection * np.eye(3)[a] for a in range(3)])
+        seen = np.sum(by_axis**2, axis=(1, 2)) > _SHARE**2 * float(np.sum(deflection**2))
+        if np.any(seen):
+            along = tuple(f"compliance along {a}, relative" for a, on in zip("xyz", seen, strict=True) if on)
+            out.append(ErrorCause(DIRECTIONS, along, by_axis[seen], np.full(int(seen.sum()), STATED)))
+        out += _frame(plan.path.p_part_tcp[row])
+        names = [cause.name for cause in out]
+        together = [(FORCE, FRAME), (FORCE, FRAME, TURNED), (DIRECTIONS, FRAME)]
+        together += [(FORCE, name) for name in (ARM, END) if name in names]
+        return cls(tuple(out), tuple(one for one in together if set(one) <= set(names)))
 
 
 def _of_segments(plan: Plan, cell: Cell, row: Int) -> list[ErrorCause]:
@@ -179,3 +189,57 @@ def _moved_part(value: dict[str, float], plan: Plan, cell: Cell) -> TableValues:
     if np.any(np.eye(3) != R):
         values |= {f"{a}_deg": round(float(v) / DEG, 6) for a, v in zip("abc", rotation.to_zyx(T[:3, :3]), strict=True)}
     return TableValues("part", values)
+
+
+RECIPE: Final = "correct"
+_SI: Final = {"relative": "", "m": "m", "rad": "rad"}
+
+
+def apply_constants(result: Corrected, cell: Cell, target: Path, place: Path, scans: list[Path]) -> dict[str, Any]:
+    """Write a cell file with the constants of the likeliest explanation.
+
+    Args:
+        place: Where it is written until the results are complete.
+
+    Raises:
+        InputError: The target is the cell file or any file that is there, or what is likeliest has no place in a
+            cell file.
+        ModelError: No explanation is likelier than none, or the new cell is no possible one.
+    """
+    require_new(target, cell.path)
+    best = result.explained[0]
+    if best.log_evidence < EVIDENCE:
+        raise ModelError(
+            "no constant explains the part better than none",
+            value=f"{best.name}, logarithm of the evidence {best.log_evidence:.1f}",
+            limit=f">= {EVIDENCE:g}",
+            hint="Correct the program only: leave --apply out",
+        )
+    changes = changes_of(best, result.plan, cell)
+    entry = IdentifiedTable(
+        recipe=RECIPE,
+        date=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
+        data=tuple(scan.name for scan in scans),
+        data_sha256=tuple(_digest(scan) for scan in scans),
+        counterflex=__version__,
+        holdout=f"{best.name}: logarithm of the evidence {best.log_evidence:.1f} over no constant, "
+        f"{100.0 * best.explained:.0f} % of the deviations explained; no part held out",
+        values=tuple(
+            IdentifiedValue(
+                name=name.rpartition(", ")[0],
+                value=float(best.value[k]),
+                sigma=float(best.sigma[k]),
+                unit=_SI[name.rpartition(", ")[2]],
+            )
+            for k, name in enumerate(best.factors)
+        ),
+    )
+    text = updated_text(cell, changes, entry, target.parent)
+    write_new(text, target, place, "what the part explains")
+    return {"explanation": best.name, "cell": target.name}
+
+
+def _digest(scan: Path) -> str:
+    """SHA-256 of a scan; of a folder, of the machined surface or the deviations in it."""
+    files = [scan] if scan.is_file() else sorted(scan.glob("*surface.npz")) or sorted(scan.glob("deviations.parquet"))
+    return hashlib.sha256(b"".join(file_content.content(file) for file in files)).hexdigest()

@@ -19,14 +19,12 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import summary_of
-from counterflex.app.correction.causes import causes_of, shown
+from counterflex.app.correction.causes import Known, shown
 from counterflex.app.correction.decide import LIMIT_M, measured_error, next_step
-from counterflex.app.correction.result import Corrected, MeasuredScan
-from counterflex.app.correction.scans import in_part_axes, read_scan
+from counterflex.app.correction.scans import Corrected, MeasuredScan, PartScan, in_part_axes
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
-from counterflex.app.named_lines import with_files
 from counterflex.app.plan_of_cell import require_of_cell
-from counterflex.app.robot_programs import inputs_of
+from counterflex.app.robot_programs import inputs_of, with_files
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
@@ -36,7 +34,7 @@ from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.band_solver import Observations
 from counterflex.evaluate.path_error.contacts import Nodes, nodes_of
 from counterflex.evaluate.path_error.explanations import ALIKE, explanations
-from counterflex.evaluate.path_error.learning import ExpectedSurface, MeasuredError, expected, surface_now
+from counterflex.evaluate.path_error.learning import ExpectedSurface, MeasuredError, expected
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
 from counterflex.files.part_deviations import MeasuredPart, read_path_error, write_part_deviations, write_path_error
@@ -181,7 +179,7 @@ def correct(
     nodes = nodes_of(plan.path, plan.deflection_part[:, :3])
     measured = []
     for number, path in enumerate(scans):
-        scan = read_scan(path, program, job, cell, number)
+        scan = PartScan.read(path, program, job, cell, number)
         own = in_parts(parts[FINDING], {str(path): 1.0 for path in scans})[str(path)]
         measured.append(measured_error(scan, plan, nodes, cell, taken, own))
     parts[PLANNING](0.0)
@@ -190,7 +188,7 @@ def correct(
     next_plan, further, state = step.plan, step.further_m, step.state
     parts[EXPLAINING](0.0)
     last = measured[-1].estimate
-    known = causes_of(plan, cell, nodes.row)
+    known = Known.of(plan, cell, nodes.row)
     bent = np.linalg.norm(plan.deflection_part[loaded.cut.contact, :3], axis=1)
     size = max(float(np.sqrt(np.mean(bent**2))) if len(bent) else 0.0, UM)
     weighed = explanations(
@@ -199,7 +197,7 @@ def correct(
     files, facts = write(job, next_plan, cell, language)
     summary = summary_of(job, next_plan, cell, language, files=files, written=facts, tolerance_m=5.0 * UM)
     change = next_plan.correction_part - plan.correction_part
-    new_parts = [HistoryPart(one.error, _facts(one)) for one in measured]
+    new_parts = [HistoryPart(one.error, one.facts()) for one in measured]
     ahead = step.next_error_m[nodes.row] - measured[-1].error.error_m[nodes.row]
     prediction = expected(last, measured[-1].contacts, ahead, step.unsure_m[:, nodes.row], state.scatter_m)
     summary |= in_plane_of(cell)
@@ -258,26 +256,6 @@ def _in_all(seen: Observations, taken: Float) -> Observations:
     """Places as they would be had nothing been taken back because of earlier parts; ``taken`` (k, 3) m at the nodes."""
     begin, end = taken[seen.node - 1], taken[seen.node]
     return replace(seen, y_m=seen.y_m + np.sum(seen.normal * (begin + seen.share[:, None] * (end - begin)), axis=1))
-
-
-def _facts(one: MeasuredScan) -> dict[str, Any]:
-    """Figures of a part, shop units."""
-    estimate = one.estimate
-    return {
-        "source": one.scan.part.source,
-        "simulated": one.scan.simulated,
-        "places": estimate.places,
-        "other_places": estimate.others,
-        "noise_um": round(estimate.noise_m / UM, 1),
-        "variance_of_means": round(estimate.inflation, 2),
-        "outliers_percent": round(100.0 * estimate.outliers, 2),
-        "surface_p997_um": round(surface_now(estimate, one.contacts) / UM, 1),
-        "explained_percent": round(100.0 * estimate.explained, 1),
-        "log_evidence": round(estimate.log_evidence, 1),
-        "believed": bool(np.any(estimate.believed)),
-        "error_rms_um": round(float(np.sqrt(np.mean(np.sum(estimate.error_m**2, axis=1)))) / UM, 1),
-        "lengths_mm": [round(1e3 * estimate.prior.narrow_length_m, 1), round(1e3 * estimate.prior.wide_length_m, 1)],
-    }
 
 
 def _shown(e: ExpectedSurface) -> dict[str, float]:
@@ -344,7 +322,7 @@ def run(
         summary = result.summary
         summary["inputs"] = inputs_of(program, cell_file)
         if target is not None and place is not None:
-            from counterflex.app.correction.apply import apply_constants
+            from counterflex.app.correction.causes import apply_constants
 
             summary["applied"] = apply_constants(result, cell, target, place, scans)
         about = {key: summary[key] for key in ("program", "cell", "robot", "counterflex")}
@@ -355,7 +333,7 @@ def run(
         write_plan(staging / PLAN, result.plan, {**about, "feed_lowered_s": lowered}, cell.chain.axes)
         write_path_error(staging / TAKEN, result.taken, about)
         new = [
-            (in_part_axes(m.scan.deviations, result.cell), m.scan.part, HistoryPart(m.error, _facts(m)))
+            (in_part_axes(m.scan.deviations, result.cell), m.scan.part, HistoryPart(m.error, m.facts()))
             for m in result.measured
         ]
         keep_parts(folder, staging, new, about)

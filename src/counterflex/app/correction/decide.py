@@ -8,8 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.correction.result import MeasuredScan
-from counterflex.app.correction.scans import PartScan
+from counterflex.app.correction.scans import MeasuredScan, PartScan
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM

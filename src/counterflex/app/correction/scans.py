@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -20,10 +20,15 @@ from counterflex.core.next_command import next_command
 from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
+from counterflex.evaluate.path_error.contacts import Contacts
+from counterflex.evaluate.path_error.estimate import PathError
+from counterflex.evaluate.path_error.explanations import Explanation
+from counterflex.evaluate.path_error.learning import Learned, MeasuredError, surface_now
 from counterflex.evaluate.surface import NominalSurface
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.part_deviations import MeasuredPart, read_part_deviations
-from counterflex.files.run_file import read_run
+from counterflex.files.summary_file import read_run
+from counterflex.plan.plan import Plan
 
 NOISE_M: Final = 20.0 * UM
 """Standard deviation of a single place: structured light."""
@@ -92,60 +97,60 @@ class PartScan:
     part: MeasuredPart  # Where they come from
     simulated: bool  # Scanned on a simulated part, with the noise of a scanner
 
+    @classmethod
+    def read(cls, path: Path, program: Path, job: Job, cell: Cell, number: int) -> PartScan:
+        """Read the deviations of a part.
 
-def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> PartScan:
-    """Read the deviations of a part.
+        Args:
+            path: File of ``inspect``, its folder, or a folder of ``simulate`` or ``prove``.
+            program: The program that the part was to be made by.
+            number: Of the scan, so that simulated ones have noise of their own.
 
-    Args:
-        path: File of ``inspect``, its folder, or a folder of ``simulate`` or ``prove``.
-        program: The program that the part was to be made by.
-        number: Of the scan, so that simulated ones have noise of their own.
-
-    Raises:
-        FileFormatError: It is none of these.
-        InputError: It is a part of another program.
-    """
-    digest = hashlib.sha256(file_content.content(program)).hexdigest()
-    run, surface = _simulated_files(path)
-    if run is not None and surface is not None:
-        _check_original(path, program)
-        require_same_cell(read_cell(path / simulate.CELL), cell, path)
-        reference = reference_of(job, cell)
-        record, _ = read_run(run)
-        judged = judge(reference, record, HeightMap.load(surface))
-        seed = int(hashlib.sha256(file_content.content(surface)).hexdigest()[:8], 16) + number
-        scan = simulated_scan(reference.surface, judged, seed=seed)
-        return PartScan(scan, MeasuredPart(program.name, digest, path.name, "mm", (), 0.0), True)
-    file = path / DEVIATIONS if path.is_dir() else path
-    if not file.is_file():
-        raise FileFormatError(
-            "no measured part in this folder",
-            where=str(path),
-            limit=f"{DEVIATIONS} of counterflex inspect, or the folder of simulate or prove",
-        )
-    with file_content.readable(file, "part deviations"), file.open("rb") as stream:
-        if stream.read(4) != _PARQUET:
+        Raises:
+            FileFormatError: It is none of these.
+            InputError: It is a part of another program.
+        """
+        digest = hashlib.sha256(file_content.content(program)).hexdigest()
+        run, surface = _simulated_files(path)
+        if run is not None and surface is not None:
+            _check_original(path, program)
+            require_same_cell(read_cell(path / simulate.CELL), cell, path)
+            reference = reference_of(job, cell)
+            record, _ = read_run(run)
+            judged = judge(reference, record, HeightMap.load(surface))
+            seed = int(hashlib.sha256(file_content.content(surface)).hexdigest()[:8], 16) + number
+            scan = simulated_scan(reference.surface, judged, seed=seed)
+            return cls(scan, MeasuredPart(program.name, digest, path.name, "mm", (), 0.0), True)
+        file = path / DEVIATIONS if path.is_dir() else path
+        if not file.is_file():
             raise FileFormatError(
-                "not a file of part deviations",
-                where=str(file),
-                limit=f"{DEVIATIONS} that inspect writes",
-                hint="A scan is laid on the part first: "
-                + next_command("inspect", "PROGRAM", cell="CELL", scan="FILE", out="DIR")
-                + "; then give DIR instead",
+                "no measured part in this folder",
+                where=str(path),
+                limit=f"{DEVIATIONS} of counterflex inspect, or the folder of simulate or prove",
             )
-    deviations, part = read_part_deviations(file)
-    if part.program_sha256 not in ("", digest):
-        raise InputError(
-            "the deviations are those of another program's part",
-            where=str(file),
-            value=f"{part.program}, sha256 {part.program_sha256[:8]}",
-            limit=f"{program.name}, sha256 {digest[:8]}",
-            hint="Inspect the scan against the original program, not the compensated one",
-        )
-    R = cell.R_part_plane
-    if R is not None:
-        deviations = replace(deviations, points=deviations.points @ R, normals=deviations.normals @ R)
-    return PartScan(deviations, part, False)
+        with file_content.readable(file, "part deviations"), file.open("rb") as stream:
+            if stream.read(4) != _PARQUET:
+                raise FileFormatError(
+                    "not a file of part deviations",
+                    where=str(file),
+                    limit=f"{DEVIATIONS} that inspect writes",
+                    hint="A scan is laid on the part first: "
+                    + next_command("inspect", "PROGRAM", cell="CELL", scan="FILE", out="DIR")
+                    + "; then give DIR instead",
+                )
+        deviations, part = read_part_deviations(file)
+        if part.program_sha256 not in ("", digest):
+            raise InputError(
+                "the deviations are those of another program's part",
+                where=str(file),
+                value=f"{part.program}, sha256 {part.program_sha256[:8]}",
+                limit=f"{program.name}, sha256 {digest[:8]}",
+                hint="Inspect the scan against the original program, not the compensated one",
+            )
+        R = cell.R_part_plane
+        if R is not None:
+            deviations = replace(deviations, points=deviations.points @ R, normals=deviations.normals @ R)
+        return cls(deviations, part, False)
 
 
 def in_part_axes(deviations: PartDeviations, cell: Cell) -> PartDeviations:
@@ -176,3 +181,52 @@ def _check_original(folder: Path, program: Path) -> None:
             where=str(folder),
             limit=f"the original {program.name} (simulate --original)",
         )
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredScan:
+    """A scan and the error of the path that it shows."""
+
+    scan: PartScan
+    contacts: Contacts  # Which stretches may have made its places
+    estimate: PathError  # Error at the nodes of the path
+    error: MeasuredError  # The same at its rows
+
+    def facts(self) -> dict[str, Any]:
+        """Figures of a part, shop units."""
+        estimate = self.estimate
+        return {
+            "source": self.scan.part.source,
+            "simulated": self.scan.simulated,
+            "places": estimate.places,
+            "other_places": estimate.others,
+            "noise_um": round(estimate.noise_m / UM, 1),
+            "variance_of_means": round(estimate.inflation, 2),
+            "outliers_percent": round(100.0 * estimate.outliers, 2),
+            "surface_p997_um": round(surface_now(estimate, self.contacts) / UM, 1),
+            "explained_percent": round(100.0 * estimate.explained, 1),
+            "log_evidence": round(estimate.log_evidence, 1),
+            "believed": bool(np.any(estimate.believed)),
+            "error_rms_um": round(float(np.sqrt(np.mean(np.sum(estimate.error_m**2, axis=1)))) / UM, 1),
+            "lengths_mm": [
+                round(1e3 * estimate.prior.narrow_length_m, 1),
+                round(1e3 * estimate.prior.wide_length_m, 1),
+            ],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """Result of the job."""
+
+    plan: Plan
+    files: dict[str, str]
+    encoding: str
+    measured: list[MeasuredScan]
+    state: Learned  # Error of the next part without a change, and response of the tool, from all parts
+    taken: MeasuredError  # What the next program takes back, and the error that is expected
+    explained: list[Explanation]
+    job: Job
+    cell: Cell  # In the working plane of the program
+    change_m: Float  # (n, 3) m, change of the correction at the rows of the path
+    summary: dict[str, Any]  # What ``summary.json`` holds

@@ -14,7 +14,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.correction.causes import OFFSET_M
-from counterflex.app.correction.scans import read_scan
+from counterflex.app.correction.scans import PartScan
 from counterflex.app.first_cut import posterior
 from counterflex.app.first_cut.coupon import COLUMNS, coupon, shown, table
 from counterflex.app.inputs import Job, faults_in, read_in_plane, setting_of
@@ -105,7 +105,7 @@ def run(
     if not isinstance(cell.force_law, KienzleLaw | LinearEdgeLaw):
         raise InputError("the forces of this law are not told apart", value=type(cell.force_law).__name__)
     file = Path(program).parent / TABLE if measured is None else Path(measured)
-    scan = None if part is None else read_scan(Path(part), Path(program), job, cell, 0).deviations
+    scan = None if part is None else PartScan.read(Path(part), Path(program), job, cell, 0).deviations
     listed = _read(file, filled=part is None)  # what is wrong with the files is told before anything is planned
     plan = _planned(job, cell, parts["planning"])
     places = _placed(listed, plan, cell, sigma_m)

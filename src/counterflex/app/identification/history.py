@@ -7,9 +7,9 @@ import shutil
 from pathlib import Path
 from typing import Any, Final
 
-from counterflex.core import atomic, file_lock
+from counterflex.core import atomic, held
 from counterflex.core.errors import FileFormatError
-from counterflex.files.identification_archive import ArchivedRun, keep_inputs, run_name, runs_below
+from counterflex.files.identification_file import ArchivedRun, keep_inputs, run_name, runs_below
 
 SIGNIFICANT: Final = 3.0
 """A change of so many standard deviations of the difference is marked: 3 in 1000 are by chance."""
@@ -24,7 +24,7 @@ def keep(
 
     ``result``: Content of ``result.json``. ``taken``: Archive in which the run will end up; its name is new there.
     """
-    with file_lock.alone(archive / "run"):  # two runs of one second get two names
+    with held.alone(archive / "run"):  # two runs of one second get two names
         folder = archive / run_name(result["date"], result["recipe"], taken)
         with atomic.atomic_folder(folder) as inside:
             for path in sorted(staging.iterdir()):
@@ -61,25 +61,7 @@ def history(folder: Path, recipe: str | None = None) -> dict[str, Any]:
             compared[name] = _compare(alike[-SHOWN:])
         if len(alike) < len(own):
             others[name] = [run.folder.relative_to(folder).as_posix() for run in own if run not in alike]
-    return {"runs": [_line(run, folder) for run in runs], "compared": compared, "not_compared": others}
-
-
-def _line(run: ArchivedRun, folder: Path) -> dict[str, Any]:
-    result = run.result
-    head = result["headline"][0]
-    return {
-        "date": result["date"],
-        "recipe": result["recipe"],
-        "cell": result["cell"],
-        "data": [d["manifest"] for d in result["data"]],
-        "rows": sum(d["rows"] for d in result["data"]),
-        "figure": head["name"],
-        "value": head["value"],
-        "nominal": head["nominal"],
-        "outliers": sum(len(fit["outliers"]) for fit in result["fits"].values()),
-        "counterflex": result["versions"]["counterflex"],
-        "folder": run.folder.relative_to(folder).as_posix(),
-    }
+    return {"runs": [run.line(folder) for run in runs], "compared": compared, "not_compared": others}
 
 
 def _compare(runs: list[ArchivedRun]) -> list[dict[str, Any]]:

@@ -16,10 +16,9 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.identification.cell_model import in_model_angles, model_of
+from counterflex.app.identification.cell_model import Setting, in_model_angles, model_of, read_settings, starting_cell
 from counterflex.app.identification.history import keep
 from counterflex.app.identification.propose import propose as propose
-from counterflex.app.identification.recipe_settings import Setting, read_settings, starting_cell
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -146,8 +145,7 @@ FEW: Final = 10
 _UNSEEN: Final = ("holdout_", "region_", "file_")
 """What the names of figures of the data not used begin with; all others are values and no errors."""
 
-_GROWN: Final = 1.02
-"""Growth of an error on data not used below which it is called the same."""
+_GROWN: Final = 1.02  # Growth of an error on data not used below which it is called the same
 _LIBRARIES: Final = ("numpy", "scipy", "numba")
 
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from counterflex.app.identification.cell_model import model_of, shown_columns
-from counterflex.app.identification.recipe_settings import Setting, read_settings, starting_cell
+from counterflex.app.identification.cell_model import Setting, model_of, read_settings, shown_columns, starting_cell
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.files.dataset.proposal import PROPOSAL, ROWS, form_names, write_proposal

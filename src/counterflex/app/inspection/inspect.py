@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.app.inspection.judging import How, Inspection, inspect
-from counterflex.app.inspection.path_entry import path_rows
 from counterflex.app.inspection.summary import InspectedScan
 from counterflex.app.inspection.tool_log import LogHow
-from counterflex.app.inspection.tool_path import InspectedPath
+from counterflex.app.inspection.tool_path import InspectedPath, path_rows
 from counterflex.core import atomic, file_content
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM

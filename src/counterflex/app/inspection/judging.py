@@ -12,7 +12,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import Job, read_in_plane
 from counterflex.app.inspection.summary import InspectedScan, summary_of
-from counterflex.app.inspection.tool_log import LogHow, ToolLog, read_tool_log
+from counterflex.app.inspection.tool_log import LogHow, ToolLog
 from counterflex.app.inspection.tool_path import InspectedPath, judged_path
 from counterflex.app.proof.cut_logs import log_of_path, top_of
 from counterflex.app.proof.judge import candidates_of, outline_of, reference_of
@@ -25,7 +25,7 @@ from counterflex.core.remarks import remark
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.cad_rows import CadFeatures
-from counterflex.evaluate.inspection.cloud import Cloud, thinned
+from counterflex.evaluate.inspection.cloud import Cloud, ScanUnit, thinned
 from counterflex.evaluate.inspection.clutter import CLEARANCE_M, cluttered_pose, off_part, without
 from counterflex.evaluate.inspection.coarse import NoPose, coarse_pose
 from counterflex.evaluate.inspection.coverage import Coverage, coverage
@@ -34,7 +34,6 @@ from counterflex.evaluate.inspection.mesh_shape import CadSolid
 from counterflex.evaluate.inspection.nominal_part import NominalPart, NominalShape, nominal_part
 from counterflex.evaluate.inspection.part_deviations import FREE
 from counterflex.evaluate.inspection.registration import LEAST_POINTS, aligned, register
-from counterflex.evaluate.inspection.scan_size import ScanUnit, scan_unit
 from counterflex.evaluate.inspection.scanned_part import ScannedPart, scanned_part
 from counterflex.evaluate.inspection.size_errors import ScaleEstimate, ball_error, common_offset, scale_of
 from counterflex.files.cell.cell import Cell, read_cell
@@ -91,7 +90,7 @@ def inspect(
     cell, job = read_in_plane(program, read_cell(cell_file))
     files = {"part": measured} if before is None else {"before": before, "after": measured}
     read: dict[str, Scan | ToolLog] = {
-        name: read_scan(file) if isinstance(how, How) else read_tool_log(file, how, cell, job.path)
+        name: read_scan(file) if isinstance(how, How) else ToolLog.read(file, how, cell, job.path)
         for name, file in files.items()
     }
     progress(0.15)
@@ -190,7 +189,7 @@ def judged(
     stated = how.unit
     if stated is None and scan.unit_m is not None:
         stated = min(UNITS, key=lambda name: abs(np.log(UNITS[name] / (scan.unit_m or 1.0))))
-    sized = scan_unit(scan.sample(200_000), part.diagonal_m, UNITS, stated, where)
+    sized = ScanUnit.of(scan.sample(200_000), part.diagonal_m, UNITS, stated, where)
     unit, unit_m, cloud, T_start = _placed(scan, part, how, sized, where)
     ball = _ball(scan, how, unit_m)
     clearance = CLEARANCE_M if how.clearance_m is None else how.clearance_m

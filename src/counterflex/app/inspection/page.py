@@ -15,8 +15,7 @@ from counterflex.core.units import MM
 from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.sections import groove_sections
 from counterflex.report.data import Fact
-from counterflex.report.inspection.page import InspectionData
-from counterflex.report.inspection.path_figures import MeasuredPath
+from counterflex.report.inspection.page import InspectionData, MeasuredPath
 
 NOT_SURFACE: Final = (
     "The path of the tool was measured, not the surface. Surface, features and sections are those that a rigid tool "

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from counterflex.app.inspection.path_entry import path_entry
-from counterflex.app.inspection.tool_path import InspectedPath
+from counterflex.app.inspection.tool_path import InspectedPath, path_entry
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM, URAD
 from counterflex.evaluate.features import FeatureRow

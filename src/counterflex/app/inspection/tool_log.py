@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.tracker_readings import FIT, frame_of, read_measured
+from counterflex.app.tracker_readings import FIT, CommandFrame, read_measured
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.similar import missing_file
@@ -26,8 +26,7 @@ POSITIONS: Final[dict[str, str]] = {
     "reported": "reported by the robot controller from its axes: the arm's deflection is not in it",
     "commanded": "commanded: nothing was measured",
 }
-_CUTS: Final = 3.0
-"""A run has cut where its force within the planned cut is so many times that outside of it."""
+_CUTS: Final = 3.0  # A run has cut where its force within the planned cut is so many times that outside of it
 
 
 @dataclass(frozen=True)
@@ -56,19 +55,19 @@ class ToolLog:
     stated_sigma_m: float  # Standard deviation of a position as the log states it, 0 where it does not
     facts: dict[str, Any] = field(default_factory=dict)
 
+    @classmethod
+    def read(cls, source: Path, how: LogHow, cell: Cell, path: ToolPath) -> ToolLog:
+        """Read a log: a folder or file (.mcap) of run logs, else a tracker log, export or dataset.
 
-def read_tool_log(source: Path, how: LogHow, cell: Cell, path: ToolPath) -> ToolLog:
-    """Read a log: a folder or file (.mcap) of run logs, else a tracker log, export or dataset.
+        Args:
+            cell: Of the program: where the tracker stood, and how it is aimed at the tool.
 
-    Args:
-        cell: Of the program: where the tracker stood, and how it is aimed at the tool.
-
-    Raises:
-        InputError: It does not hold what is requested for.
-    """
-    if source.is_dir() or source.suffix.lower() == ".mcap":
-        return _run_log(source, how)
-    return _tracker_log(source, how, cell, path)
+        Raises:
+            InputError: It does not hold what is requested for.
+        """
+        if source.is_dir() or source.suffix.lower() == ".mcap":
+            return _run_log(source, how)
+        return _tracker_log(source, how, cell, path)
 
 
 def _tracker_log(source: Path, how: LogHow, cell: Cell, path: ToolPath) -> ToolLog:
@@ -85,7 +84,7 @@ def _tracker_log(source: Path, how: LogHow, cell: Cell, path: ToolPath) -> ToolL
                 hint="Give --frame",
             )
         frame = str(cell.path)
-    placed = frame_of(frame)
+    placed = CommandFrame.of(frame)
     measured = read_measured(source, how.form)
     if measured.oriented:
         p = measured.moved(placed.T_command_log, placed.T_target_tcp).p

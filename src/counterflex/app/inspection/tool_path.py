@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,11 +12,12 @@ from counterflex.app.inputs import Job
 from counterflex.app.inspection.tool_log import ToolLog
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM
+from counterflex.core.units import MM, UM
 from counterflex.cutting.removal import remove_path
+from counterflex.evaluate.figures import DeviationFigures
 from counterflex.evaluate.inspection.nominal_part import NominalPart
 from counterflex.evaluate.inspection.registration import Registration, aligned
-from counterflex.evaluate.path_deviation import PathDeviation, PathFigures, path_deviation, path_figures
+from counterflex.evaluate.path_deviation import PathDeviation, PathFigures, path_deviation
 from counterflex.evaluate.tool_path.curve import curve_of
 from counterflex.evaluate.tool_path.pose_search import COVERED, diagnosed, score, searched
 from counterflex.evaluate.tool_path.readings import ToolReadings
@@ -24,6 +25,7 @@ from counterflex.evaluate.tool_path.registration import fitted
 from counterflex.evaluate.tool_path.swept_part import SweptPart, surfaces_made, swept_part
 from counterflex.evaluate.tool_path.tracked_path import TrackedPath, of_program, tracked_path
 from counterflex.files.cell.cell import Cell
+from counterflex.files.tool_path_file import ToolPathRows
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.plant.simulate import mounted_tools
 
@@ -31,8 +33,7 @@ NOISIEST_M: Final = 0.3 * MM
 """Standard deviation of a reading above which a log is none of a path."""
 _FITS: Final = 12
 _STILL_M: Final = 1e-8
-_CONDITION: Final = 1000.0
-"""Worse than this the motion in air does not hold the frame, and all of the path is fitted."""
+_CONDITION: Final = 1000.0  # Worse than this the motion in air does not hold the frame, and all of the path is fitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ class InspectedPath:
     @property
     def figures(self) -> PathFigures:
         """Of the path."""
-        return path_figures(self.track.deviation)
+        return PathFigures.of(self.track.deviation)
 
     def normal_m(self) -> dict[str, Float]:
         """Deviation along the normals of the surfaces that each station makes, (k,) m, positive = material left.
@@ -155,3 +156,73 @@ def contact_of(path: ToolPath, cell: Cell) -> Float:
             out[first + 1 : last + 1] = np.where(steps > 0.0, volume / np.where(steps > 0.0, steps, 1.0), 0.0)
     out[np.asarray(path.kind) != FEED] = 0.0
     return out
+
+
+def path_entry(one: InspectedPath) -> dict[str, Any]:
+    """The entries ``log`` and ``path`` of a part: how it was logged, and the figures of the path."""
+    track, log, figures = one.track, one.log, one.figures
+    spacing = track.deviation.spacing_m
+    path: dict[str, Any] = {
+        name: _figures(getattr(figures, name)) for name in ("path", "entry", "exit", "plateau", "air")
+    }
+    if not track.cut_known:
+        path = {"path": path["path"]}
+    if track.clock:
+        path["along"] = _figures(figures.along)
+    normal = {name: v[np.isfinite(v)] for name, v in one.normal_m().items()}
+    path["normal"] = {name: _figures(DeviationFigures.weighted(v, spacing)) for name, v in normal.items() if len(v)}
+    for name, v in normal.items():
+        if len(v):
+            path["normal"][name]["mean_mm"] = round(float(v.mean()) / MM, 4)
+    return {
+        "log": {
+            "file": one.file,
+            "kind": log.kind,
+            "position": log.position,
+            "frame": log.frame,
+            "frame_fitted": log.fitted,
+            "readings": len(log.readings),
+            "noise_um": round(track.noise_m / UM, 2),
+            "stated_sigma_um": round(log.stated_sigma_m / UM, 2),
+            "smoothed_over_mm": round(track.window_m / MM, 2),
+            "covered_percent": round(100.0 * track.covered, 1),
+            "left_out_percent": round(100.0 * track.left_out, 1),
+            "cutting": "by the program's removal" if track.cut_known else "not known: all feed motion counts",
+            "along_counts_from": track.clock or "not known",
+            **log.facts,
+        },
+        "path": path,
+    }
+
+
+def path_rows(one: InspectedPath, job: Job) -> ToolPathRows:
+    """The stations of a path with their deviations."""
+    track, registration = one.track, one.part.registration
+    deviation = track.deviation
+    axis = np.cross(deviation.feed_direction, deviation.left)
+    place = deviation.p_part_nominal
+    by_pose = np.maximum(
+        registration.standard_deviation_m(place, deviation.left), registration.standard_deviation_m(place, axis)
+    )
+    along = deviation.along_m if track.clock else np.full(len(place), np.nan)
+    fed = deviation.cutting | deviation.air
+    cutting = deviation.cutting.astype(np.int64) if track.cut_known else np.where(fed, -1, 0)
+    return ToolPathRows(
+        deviation.time_s,
+        deviation.length_m,
+        np.asarray(job.line_of_motion, dtype=np.int64)[deviation.motion],
+        place,
+        np.column_stack([deviation.across_left_m, deviation.across_axis_m, along]),
+        np.column_stack(list(one.normal_m().values())),
+        np.sqrt(track.sigma_m**2 + by_pose**2),
+        cutting,
+    )
+
+
+def _figures(figures: DeviationFigures) -> dict[str, float]:
+    return {
+        "max_mm": round(figures.max_m / MM, 4),
+        "p997_mm": round(figures.p997_m / MM, 4),
+        "rms_mm": round(figures.rms_m / MM, 4),
+        "length_mm": round(figures.extent / MM, 1),
+    }

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.panel.cell_scene import CellScene
-from counterflex.app.run_history.logged_run import RunOfHistory, file_of_run, one_run
+from counterflex.app.run_history.logged_run import RunOfHistory, file_of_run
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError
 from counterflex.core.units import MM, NS, UM
@@ -71,7 +71,7 @@ def content_of(folder: Path, number: int | None = None) -> Content:
     Args:
         number: Of the run; None is the last.
     """
-    run = one_run(folder, number)
+    run = RunOfHistory.of(folder, number)
     rows = _columns(folder, run.row["run"])
     offset = int(run.about.get("wall_minus_monotonic_ns", 0))
     time = np.maximum.accumulate(rows["received_ns"].astype(np.int64) + offset)

@@ -104,8 +104,7 @@ SCHEMAS: Final[dict[str, dict[str, Any]]] = {
 _INFO, _WARNING = 2, 3
 _STRIP: Final = 0
 _GREY: Final = {"r": 0.6, "g": 0.65, "b": 0.7, "a": 0.5}
-_SCENE_S: Final = 1.0
-"""How often the cut is drawn anew."""
+_SCENE_S: Final = 1.0  # How often the cut is drawn anew
 
 
 class _Out:

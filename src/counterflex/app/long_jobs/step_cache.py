@@ -24,10 +24,8 @@ from counterflex.core.errors import FileFormatError
 DONE: Final = "done.json"
 """Written last into the folder of a step: its fingerprint, and what the job needs to go on."""
 _ROOT: Final = Path(counterflex.__file__).parent
-_SHOW: Final = ("cli", "report", "commands")
-"""Rooms that show results and make none."""
-_NAMED: Final = 4
-"""Changed parts that a line names; the others are counted."""
+_SHOW: Final = ("cli", "report", "commands")  # Rooms that show results and make none
+_NAMED: Final = 4  # Changed parts that a line names; the others are counted
 
 Mark = tuple[tuple[str, str], ...]
 """Fingerprint of a step: what it is made from, and a hash of each, in order."""

@@ -15,8 +15,7 @@ from counterflex.app.long_jobs.workers import Shares, count_of
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.progress import Progress
 
-_NAMED: Final = 4
-"""Running tasks that the progress names; the others are counted."""
+_NAMED: Final = 4  # Running tasks that the progress names; the others are counted
 
 
 def run_tasks(

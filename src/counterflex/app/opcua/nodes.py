@@ -13,8 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from asyncua import ua
+
 from counterflex.app.panel.watched_run import Seen
 from counterflex.core.errors import CounterflexError
+from counterflex.core.printable import all_printable
 from counterflex.core.units import DEG
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.runtime.monitoring.events import Event
@@ -72,6 +75,22 @@ class Node:
     unit: str  # Of :data:`UNITS`, or empty
     of: Callable[[View], Any]  # Its value; None: not known, or there is no such source
     live: bool = True  # It comes from the loop: without one it is bad
+
+    def value(self, view: View) -> tuple[Any, int]:
+        """Value of a node, of the kind of its default, and the status code that goes with it.
+
+        Bad_NoCommunication: no run, or nothing of it yet. Bad_NotConnected: the run has no such source. Uncertain: the
+        last value of a loop that is silent or has ended.
+        """
+        if self.live and (view.seen == Seen.WAITING or not view.figures):
+            return self.default, ua.StatusCodes.BadNoCommunication
+        value = self.of(view)
+        if value is None:
+            return self.default, ua.StatusCodes.BadNotConnected
+        stale = self.live and view.seen != Seen.RUNNING
+        return type(self.default)(
+            all_printable(value)
+        ), ua.StatusCodes.UncertainLastUsableValue if stale else ua.StatusCodes.Good
 
 
 def _figure(*keys: str | int) -> Callable[[View], Any]:

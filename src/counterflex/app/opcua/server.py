@@ -25,7 +25,7 @@ from counterflex.app.panel.tries import Tries
 from counterflex.app.panel.watched_run import LOOK_S, SILENT_S, Seen
 from counterflex.app.run.operator_requests import ask
 from counterflex.core.errors import CounterflexError, OutputError
-from counterflex.core.printable import all_printable, printable
+from counterflex.core.printable import printable
 from counterflex.core.units import NS
 from counterflex.files.machine_file import machine_file
 from counterflex.files.panel_users import PanelUsers
@@ -126,8 +126,7 @@ class ObservedRun:
 
 
 NAMESPACE: Final = "urn:counterflex:opcua"
-_NICE: Final = 5
-"""Priority below that of everything that runs beside it, the loop above all."""
+_NICE: Final = 5  # Priority below that of everything that runs beside it, the loop above all
 _TYPES: Final = {
     str: ua.VariantType.String,
     bool: ua.VariantType.Boolean,
@@ -268,7 +267,7 @@ class OpcuaServer:
         run.poll()
         view = View(run.seen, run.about, run.figures, run.last, run.why)
         for node, variable in self._nodes:
-            value, code = value_of(node, view)
+            value, code = node.value(view)
             if self._written.get(node.path) != (value, code):
                 self._written[node.path] = value, code
                 data = ua.DataValue(
@@ -281,23 +280,6 @@ class OpcuaServer:
             self._events.event.Severity = severity
             await self._events.trigger(message=printable(message))
         self._before = run.figures
-
-
-def value_of(node: Node, view: View) -> tuple[Any, int]:
-    """Value of a node, of the kind of its default, and the status code that goes with it.
-
-    Bad_NoCommunication: no run, or nothing of it yet. Bad_NotConnected: the run has no such source. Uncertain: the last
-    value of a loop that is silent or has ended.
-    """
-    if node.live and (view.seen == Seen.WAITING or not view.figures):
-        return node.default, ua.StatusCodes.BadNoCommunication
-    value = node.of(view)
-    if value is None:
-        return node.default, ua.StatusCodes.BadNotConnected
-    stale = node.live and view.seen != Seen.RUNNING
-    return type(node.default)(
-        all_printable(value)
-    ), ua.StatusCodes.UncertainLastUsableValue if stale else ua.StatusCodes.Good
 
 
 def _unit(name: str) -> Any:

@@ -12,19 +12,16 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.records import Records
 from counterflex.core.units import DEG, MM, MS, NS, UM
-from counterflex.files.logs.place import trouble_message
+from counterflex.files.logs.run_log import trouble_message
 from counterflex.protocols.processes.control_array import Kept, Tally
 from counterflex.protocols.session.publisher import LOST, NO_PANEL, THERE
 from counterflex.runtime.monitoring.events import Event, Slowed
 from counterflex.runtime.state.states import Cause, State
 
 _PANEL: Final = {NO_PANEL: "none", THERE: "there", LOST: "lost"}
-_STANDS_M_S: Final = 1e-3
-"""Below this speed of the commanded point the feed direction is the last one."""
-_LEAST_N: Final = 50.0
-"""Force that counts as a cut where no plan tells."""
-_AROUND: Final = 64
-"""Snapshots over which times of answers are judged."""
+_STANDS_M_S: Final = 1e-3  # Below this speed of the commanded point the feed direction is the last one
+_LEAST_N: Final = 50.0  # Force that counts as a cut where no plan tells
+_AROUND: Final = 64  # Snapshots over which times of answers are judged
 
 
 def words(name: str) -> str:

@@ -20,8 +20,7 @@ from counterflex.protocols.processes.control_array import Kept, Tally
 from counterflex.runtime.state.states import State
 
 CONTENT: Final = "application/openmetrics-text; version=1.0.0; charset=utf-8"
-_WINDOW: Final = 15_000
-"""Cycles whose answers are judged: one minute at 250 Hz, enough for the 99.9th percentile."""
+_WINDOW: Final = 15_000  # Cycles whose answers are judged: one minute at 250 Hz, enough for the 99.9th percentile
 _QUANTILES: Final = (0.5, 0.99, 0.999, 1.0)
 _STOPPED: Final = (State.HOLD, State.RAMP_OUT, State.FAULT)
 _TELEGRAMS: Final = (Tally.FOREIGN, Tally.MALFORMED, Tally.OUT_OF_LINE, Tally.DRAINED, Tally.LOST)

@@ -114,8 +114,7 @@ def action_of(name: str, code: str, *, shortcut: bool = False) -> Action | None:
 
 BEHIND: Final = 20
 """Messages that a page may be behind, a second; then it gets none until it has caught up."""
-_SCENE: Final = Scene
-"""Brings the library that the page draws with."""
+_SCENE: Final = Scene  # Brings the library that the page draws with
 _QUESTIONS: Final = {
     "reset": "Acknowledge the incident? The feed hold is released: a program that was not stopped goes on WITHOUT"
     " correction.",

@@ -19,8 +19,7 @@ PER_S: Final = 8
 """Passwords hashed in a second, of some 50 ms each; half of them from one address."""
 REMEMBERED: Final = 1024
 """Names and addresses with wrong passwords. Only what is hashed is counted, so it takes 128 s to push one out."""
-_NAME: Final = 24
-"""Characters of a name that are looked at."""
+_NAME: Final = 24  # Characters of a name that are looked at
 NOTE_S: Final = 30.0
 """Refused logins are written into the run log so often at most."""
 TOO_MANY: Final = "Too many wrong passwords for this name: wait half a minute."

@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 
 from counterflex.app.inputs import Job, Reading
-from counterflex.app.placement.frame import ProgramInCell, Stand
 from counterflex.app.placement.placement import Prepared
+from counterflex.app.placement.region import ProgramInCell, Stand
 from counterflex.app.placement.whole_program import Divided, PlacesFault, require_runs
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError, ReachError
@@ -39,8 +39,7 @@ POSTURES: Final = 3
 included, of :data:`TRIED`."""
 TRIED: Final = 16
 """Postures that have the least deflection, each operation in its own best place."""
-_REFINED: Final = 12
-"""Places that are tried about the best one of each operation and axis."""
+_REFINED: Final = 12  # Places that are tried about the best one of each operation and axis
 _MOVE: Final = 0.01
 """Share of the sum over all operations that a move must save: it takes time, and the axis must find its place again."""
 _ROUNDS: Final = 20

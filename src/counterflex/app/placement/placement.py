@@ -13,9 +13,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_in_plane, setting_of
 from counterflex.app.placement.candidates_table import table_of, values_of
-from counterflex.app.placement.frame import ProgramInCell, Stand
-from counterflex.app.placement.region import Wish, shown
-from counterflex.app.placement.spindle_mounting import Mounting
+from counterflex.app.placement.region import Mounting, ProgramInCell, Stand, Wish, shown
 from counterflex.app.posture import expected_um, held_row, loaded_path, robot_of, surroundings_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from counterflex.app.inputs import Reading, faults_in, read_job, setting_of
-from counterflex.app.placement.frame import Stand
+from counterflex.app.placement.region import Stand
 from counterflex.app.posture import robot_of, surroundings_of
 from counterflex.core.arrays import Int
 from counterflex.core.errors import ReachError

@@ -17,14 +17,13 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.identification.cell_model import model_of
-from counterflex.app.identification.recipe_settings import Setting, settings_of
+from counterflex.app.identification.cell_model import Setting, model_of, settings_of
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.production.history import KeptRun, keep_runs, read_history, require_alike, require_unchanged
 from counterflex.app.production.result import Produced, identification_of, result_of
 from counterflex.app.production.runs import LoggedRun, planned_cut, read_runs
 from counterflex.app.unknowns import IDENTIFIED
-from counterflex.core import atomic, file_content, file_lock
+from counterflex.core import atomic, file_content, held as file_lock
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent

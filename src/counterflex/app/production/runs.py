@@ -31,8 +31,7 @@ from counterflex.runtime.state.states import Cause
 # exponent, so that the maps are those that the planner itself multiplies with constants: its grid, its bins, its arcs.
 
 _CONTACT_M3: Final = 1e-12
-_UNLIKE: Final = 0.05
-"""Largest difference of the removed volume, relative: the plan's blank may have a finer grid."""
+_UNLIKE: Final = 0.05  # Largest difference of the removed volume, relative: the plan's blank may have a finer grid
 _SHAPE: Final = 2.0
 """Largest ratio, along a path, of the force by the law of the cell to that of the plan: laws differ by less."""
 

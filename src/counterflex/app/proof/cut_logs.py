@@ -14,8 +14,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.tridexel.columns import ColumnStock, remove_turning
 from counterflex.cutting.tridexel.cut_log import CutLog
 from counterflex.files.cell.cell import Cell
-from counterflex.path.run import Run
-from counterflex.path.toolpath import ToolPath
+from counterflex.path.toolpath import Run, ToolPath
 from counterflex.twin.plant.simulate import mounted_tools
 
 

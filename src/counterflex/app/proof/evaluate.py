@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from counterflex.app.proof.judge import compare
+from counterflex.app.proof.judge import ProgramComparison
 from counterflex.core import atomic
 from counterflex.files.summary_file import write_summary
 
@@ -16,7 +16,7 @@ def run(folders: Sequence[str | Path], out: str | Path | None) -> dict[str, Any]
 
     Writes ``summary.json`` and, for two runs, ``report.html`` into ``out``, where it is given.
     """
-    comparison = compare(folders)
+    comparison = ProgramComparison.of(folders)
     if out is not None:
         from counterflex.app.proof.report import comparison_page
         from counterflex.report.page import write_page

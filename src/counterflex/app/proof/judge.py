@@ -23,15 +23,14 @@ from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.surface import surface as surface_of
 from counterflex.evaluate.feature_finding import Feature, find_features
 from counterflex.evaluate.features import FeatureRow, Machined, measure_features
-from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, path_figures
+from counterflex.evaluate.path_deviation import PathDeviation, PathFigures, path_deviation
 from counterflex.evaluate.summary import SeedResult, TruthLevel, Variant, summary
-from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface, surface_deviation
+from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface
 from counterflex.evaluate.turned_surface import TurnedDeviation, TurnedSurface, turned_surface
 from counterflex.files.cell.cell import Cell
-from counterflex.files.run_file import read_run
-from counterflex.files.summary_file import read_summary
-from counterflex.path.run import Run
-from counterflex.path.toolpath import FEED, ToolPath
+from counterflex.files.summary_file import read_run, read_summary
+from counterflex.path.toolpath import FEED, Run, ToolPath
+from counterflex.plan.plan import Plan
 from counterflex.twin.plant.simulate import mounted_tools
 from counterflex.twin.truth.file import read_truth
 from counterflex.twin.truth.truth import Truth
@@ -82,7 +81,7 @@ class JudgedRun:
         """Its figures."""
         force = np.linalg.norm(self.run.force_part, axis=1)
         surface = self.turned if self.surface is None else self.surface
-        return Variant(path_figures(self.deviation), surface, float(np.max(force, initial=0.0)))
+        return Variant(PathFigures.of(self.deviation), surface, float(np.max(force, initial=0.0)))
 
     @property
     def joined(self) -> Bool:
@@ -140,7 +139,7 @@ def judge(reference: ProofReference, run: Run, actual: HeightMap, columns: Colum
         cell = reference.cell
         turned = reference.turned.deviation(log_of_run(run, reference.job.path, cell, top_of(cell)))
     if reference.surface is not None:
-        surface = surface_deviation(
+        surface = SurfaceDeviation.of(
             reference.surface,
             actual,
             deviation.p_part_actual,
@@ -179,46 +178,47 @@ class ProgramComparison:
     truth: Truth
     summary: dict[str, Any]
 
+    @classmethod
+    def of(cls, folders: Sequence[str | Path]) -> ProgramComparison:
+        """Read folders that ``simulate`` wrote and judge them; the first is the uncompensated program.
 
-def compare(folders: Sequence[str | Path]) -> ProgramComparison:
-    """Read folders that ``simulate`` wrote and judge them; the first is the uncompensated program.
-
-    Raises:
-        InputError: More than two folders, a folder without a machined program, or originals, cells or truths differ.
-        FileFormatError: A file is missing or damaged.
-    """
-    if not 1 <= len(folders) <= 2:
-        raise InputError("evaluate compares one or two runs", value=len(folders), limit="DIR [DIR]")
-    paths = [Path(folder) for folder in folders]
-    for path in paths:
-        if not (path / simulate.RUN).is_file():
-            raise InputError(
-                "no machined program in this folder",
-                where=str(path),
-                limit=f"{simulate.RUN} and the files beside it",
-                hint=f"{next_command('simulate', 'PROGRAM', cell='CELL', truth='TRUTH', out='DIR')} makes one",
-            )
-    _check_same(paths)
-    cell = simulate.read_cell_of(paths[0])
-    reference = reference_of(simulate.read_original(paths[0], cell), cell)
-    truth = read_truth(paths[0] / simulate.TRUTH)
-    judged: dict[str, JudgedRun] = {}
-    for name, path in zip(("nominal", "compensated"), paths, strict=False):
-        run_read, _ = read_run(path / simulate.RUN)
-        judged[name] = judge(reference, run_read, *simulate.read_part(path))
-    made = [read_summary(path / simulate.SUMMARY) for path in paths]
-    inputs = [one["inputs"] for one in made if "inputs" in one]
-    about = {
-        "job": "evaluate",
-        "program": str(made[0].get("original", "")),
-        "family": truth.family,
-        "inputs": {**inputs[-1], "begun": min(one["begun"] for one in inputs)} if len(inputs) == len(made) else {},
-        "cell": cell.name,
-        "counterflex": __version__,
-    }
-    variants = {name: item.variant for name, item in judged.items()}
-    level: TruthLevel = "exact" if truth.seed is None else "catalogue"
-    return ProgramComparison(reference, judged, truth, summary([SeedResult(truth.seed, level, variants)], about))
+        Raises:
+            InputError: More than two folders, a folder without a machined program, or originals, cells or truths
+                differ.
+            FileFormatError: A file is missing or damaged.
+        """
+        if not 1 <= len(folders) <= 2:
+            raise InputError("evaluate compares one or two runs", value=len(folders), limit="DIR [DIR]")
+        paths = [Path(folder) for folder in folders]
+        for path in paths:
+            if not (path / simulate.RUN).is_file():
+                raise InputError(
+                    "no machined program in this folder",
+                    where=str(path),
+                    limit=f"{simulate.RUN} and the files beside it",
+                    hint=f"{next_command('simulate', 'PROGRAM', cell='CELL', truth='TRUTH', out='DIR')} makes one",
+                )
+        _check_same(paths)
+        cell = simulate.read_cell_of(paths[0])
+        reference = reference_of(simulate.read_original(paths[0], cell), cell)
+        truth = read_truth(paths[0] / simulate.TRUTH)
+        judged: dict[str, JudgedRun] = {}
+        for name, path in zip(("nominal", "compensated"), paths, strict=False):
+            run_read, _ = read_run(path / simulate.RUN)
+            judged[name] = judge(reference, run_read, *simulate.read_part(path))
+        made = [read_summary(path / simulate.SUMMARY) for path in paths]
+        inputs = [one["inputs"] for one in made if "inputs" in one]
+        about = {
+            "job": "evaluate",
+            "program": str(made[0].get("original", "")),
+            "family": truth.family,
+            "inputs": {**inputs[-1], "begun": min(one["begun"] for one in inputs)} if len(inputs) == len(made) else {},
+            "cell": cell.name,
+            "counterflex": __version__,
+        }
+        variants = {name: item.variant for name, item in judged.items()}
+        level: TruthLevel = "exact" if truth.seed is None else "catalogue"
+        return cls(reference, judged, truth, summary([SeedResult(truth.seed, level, variants)], about))
 
 
 def _check_same(paths: Sequence[Path]) -> None:
@@ -243,3 +243,22 @@ def _check_same(paths: Sequence[Path]) -> None:
                 value=", ".join(str(path) for path in paths),
                 hint="Simulate both with the same --original, --cell and --truth",
             )
+
+
+@dataclass(frozen=True, eq=False)
+class ProofResult:
+    """Result of the job."""
+
+    reference: ProofReference
+    plan: Plan  # What the planner decided, knowing the cell file
+    truths: dict[int, Truth]
+    # By (seed, variant): ``nominal``, ``compensated``, ``exact`` (planned with the truth's exact constants)
+    judged: dict[tuple[int, str], JudgedRun]
+    program_files: dict[str, str]
+    summary: dict[str, Any]  # What ``summary.json`` holds
+    timing: dict[str, float]  # Seconds per step
+
+    @property
+    def first_seed(self) -> int:
+        """Seed whose runs are written and shown."""
+        return next(iter(self.truths))

@@ -22,8 +22,7 @@ from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.surface import Surface, surface
 from counterflex.files.cell.cell import Cell
 from counterflex.files.parquet_table import Column, columns, write
-from counterflex.files.run_file import read_run
-from counterflex.files.summary_file import read_summary, write_summary
+from counterflex.files.summary_file import read_run, read_summary, write_summary
 
 NOMINAL, MACHINED, POINTS, SUMMARY = "nominal.stl", "machined.ply", "points.parquet", "summary.json"
 FORMAT = "counterflex-surface-points"

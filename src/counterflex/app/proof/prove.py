@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app.compensation.feed_limits import limited_feed
+from counterflex.app.compensation.compensate import limited_feed
 from counterflex.app.compensation.languages import own_language, write
 from counterflex.app.compensation.prediction import calm_feed, figures
 from counterflex.app.cost_of_unknown_stiffness import assumed, require_stiffness_for
@@ -31,14 +31,11 @@ from counterflex.app.inputs import (
     setting_of,
 )
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
-from counterflex.app.named_lines import with_files
 from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.proof import simulate
-from counterflex.app.proof.exact import exact_setting
-from counterflex.app.proof.judge import JudgedRun, judge, reference_of
-from counterflex.app.proof.result import ProofResult
-from counterflex.app.proof.truth import truth_of
-from counterflex.app.robot_programs import companions, digest, inputs_of
+from counterflex.app.proof.judge import JudgedRun, ProofResult, judge, reference_of
+from counterflex.app.proof.truth import exact_setting, truth_of
+from counterflex.app.robot_programs import companions, digest, inputs_of, with_files
 from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
@@ -46,8 +43,7 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, TOOL_TURNS, WORKING_PLANE, write_plan
-from counterflex.files.run_file import write_run
-from counterflex.files.summary_file import write_folder_summary
+from counterflex.files.summary_file import write_folder_summary, write_run
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan
@@ -63,8 +59,7 @@ _PLANNING_S: Final = 0.2
 _MACHINING_S: Final = 0.2
 _JUDGING_S: Final = 0.02
 _START_S: Final = 6.0
-_BEGUN: Final = 1e-6
-"""Share of a task that says that it has begun."""
+_BEGUN: Final = 1e-6  # Share of a task that says that it has begun
 
 
 def prove(

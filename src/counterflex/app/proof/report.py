@@ -18,8 +18,7 @@ from counterflex.app.compensation.next_steps import after_proof
 from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import setting_of
 from counterflex.app.proof import simulate
-from counterflex.app.proof.judge import JudgedRun, ProgramComparison, features
-from counterflex.app.proof.result import ProofResult
+from counterflex.app.proof.judge import JudgedRun, ProgramComparison, ProofResult, features
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core.arrays import Float

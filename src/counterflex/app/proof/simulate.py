@@ -25,9 +25,8 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.tridexel.column_file import load_columns, save_columns
 from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.run_file import write_run
 from counterflex.files.schema import write_toml
-from counterflex.files.summary_file import write_folder_summary
+from counterflex.files.summary_file import write_folder_summary, write_run
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.language import LANGUAGES
 from counterflex.programs.reading import dialect_of
@@ -40,8 +39,7 @@ from counterflex.twin.truth.truth import Truth
 PROGRAM, ORIGINAL, CELL, TRUTH = "program", "original", "cell.toml", "truth.toml"
 RUN, SURFACE, COLUMNS, SUMMARY, BLANKS = "run.parquet", "surface.npz", "columns.npz", "summary.json", "blank.*"
 PARAMETERS = "parameters.var"
-_GCODE: Final = ".ngc"
-"""Ending of programs as LinuxCNC reads them."""
+_GCODE: Final = ".ngc"  # Ending of programs as LinuxCNC reads them
 OTHER_CELL_M = 20.0 * MM
 """Distance of a body from where the cell has it, beyond which a truth is taken for another cell's."""
 

@@ -16,7 +16,7 @@ import numpy as np
 from counterflex.app.correction.decide import tool_response_of
 from counterflex.app.inputs import faults_in, read_in_plane, setting_of
 from counterflex.app.placement.placement import placement_of
-from counterflex.app.posture import posture_of
+from counterflex.app.posture import PostureOf
 from counterflex.app.prediction_interval import SERVO
 from counterflex.app.quote.path_errors import ALL, PathErrors, doubts, path_errors, points_of
 from counterflex.app.quote.probability import Quoted, QuotedPart
@@ -147,7 +147,7 @@ def _measured(today: Today, recipes: tuple[str, ...]) -> Quoted | str:
 
 
 def _in_posture(today: Today) -> Quoted | str:
-    chosen = posture_of(today.program, today.cell).chosen
+    chosen = PostureOf.of(today.program, today.cell).chosen
     best, present = chosen.best, chosen.present
     if present is not None and best.share_m > 0.99 * present.share_m:
         return "the planner offers no stiffer one"

@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.iso230.circular_test import Circle, fitted_circle, require_circle
-from counterflex.evaluate.iso9283.commanded_path import CommandedPath, path_of
+from counterflex.evaluate.iso9283.path_cycles import CommandedPath, path_of
 from counterflex.files.commanded_file import read_commanded
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import tool_path
@@ -28,27 +28,29 @@ class CommandedPoses:
     Ts_command: Float  # (k, 4, 4) m, in the order in which they are attained
     oriented: bool
 
+    @classmethod
+    def of(cls, file: str | Path) -> CommandedPoses:
+        """Poses of a table (.csv), or the places at which a program dwells (one cycle of them).
 
-def commanded_poses(file: str | Path) -> CommandedPoses:
-    """Poses of a table (.csv), or the places at which a program dwells (one cycle of them).
-
-    Raises:
-        InputError: The program never dwells.
-    """
-    if _is_table(file):
-        Ts, oriented, _ = read_commanded(file)
-        return CommandedPoses(Ts, oriented)
-    program, path = _read(file)
-    kinds = np.array([motion.kind == "dwell" for motion in program.motions])
-    rows = np.flatnonzero(kinds[path.motion] & (np.diff(path.motion, prepend=-1) != 0))
-    if len(rows) == 0:
-        raise InputError("the program dwells nowhere: its poses are not known", where=str(file), hint="G4 P1 at each")
-    p = path.p_part_tcp[rows]
-    again = np.flatnonzero(np.linalg.norm(p[1:] - p[0], axis=1) < _SAME_M)
-    p = p[: int(again[0]) + 1] if len(again) else p
-    Ts = np.tile(np.eye(4), (len(p), 1, 1))
-    Ts[:, :3, 3] = p
-    return CommandedPoses(Ts, oriented=False)
+        Raises:
+            InputError: The program never dwells.
+        """
+        if _is_table(file):
+            Ts, oriented, _ = read_commanded(file)
+            return cls(Ts, oriented)
+        program, path = _read(file)
+        kinds = np.array([motion.kind == "dwell" for motion in program.motions])
+        rows = np.flatnonzero(kinds[path.motion] & (np.diff(path.motion, prepend=-1) != 0))
+        if len(rows) == 0:
+            raise InputError(
+                "the program dwells nowhere: its poses are not known", where=str(file), hint="G4 P1 at each"
+            )
+        p = path.p_part_tcp[rows]
+        again = np.flatnonzero(np.linalg.norm(p[1:] - p[0], axis=1) < _SAME_M)
+        p = p[: int(again[0]) + 1] if len(again) else p
+        Ts = np.tile(np.eye(4), (len(p), 1, 1))
+        Ts[:, :3, 3] = p
+        return cls(Ts, oriented=False)
 
 
 def commanded_path(file: str | Path) -> CommandedPath:

@@ -12,7 +12,7 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.app.robot_tests.commanded import commanded_circle, commanded_path
-from counterflex.app.tracker_readings import AS_MEASURED, CommandFrame, TrackerMeasurement, frame_of, read_measured
+from counterflex.app.tracker_readings import AS_MEASURED, CommandFrame, TrackerMeasurement, read_measured
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -21,15 +21,14 @@ from counterflex.core.units import MM, MS, UM
 from counterflex.evaluate.iso230.circular_test import (
     CLOCKWISE,
     COUNTER_CLOCKWISE,
+    BiDirectional,
     Circle,
     Turn,
-    bi_directional,
     fitted_circle,
     turns,
 )
-from counterflex.evaluate.iso230.straightness import straightness
-from counterflex.evaluate.iso9283.commanded_path import ZONE
-from counterflex.evaluate.iso9283.path_cycles import path_cycles
+from counterflex.evaluate.iso230.straightness import Straightness
+from counterflex.evaluate.iso9283.path_cycles import ZONE, path_cycles
 from counterflex.files.logs.tracker_exports.formats import OWN
 from counterflex.files.summary_file import write_summary
 
@@ -90,7 +89,7 @@ def circular(
         "counterflex": __version__,
     }
     if out is not None:
-        from counterflex.report.robot_tests.circle_page import circle_page
+        from counterflex.report.robot_tests.iso230_page import circle_page
 
         table = pl.concat([_turn_table(k, turn) for k, turn in enumerate(each, 1)])
         _write(out, summary, pl.DataFrame(rows), table, circle_page(summary, each))
@@ -112,7 +111,7 @@ def _pairs(each: Sequence[Turn], radius: float | None) -> list[dict[str, Any]]:
     """Bi-directional figures of each turn clockwise with the one counter-clockwise of the same number."""
     clockwise, other = ([turn for turn in each if turn.direction == way] for way in (CLOCKWISE, COUNTER_CLOCKWISE))
     return [
-        {"pair": k} | _in_um(asdict(bi_directional(cw, ccw, radius)))
+        {"pair": k} | _in_um(asdict(BiDirectional.of(cw, ccw, radius)))
         for k, (cw, ccw) in enumerate(zip(clockwise, other, strict=False), 1)
     ]
 
@@ -146,7 +145,7 @@ def straight(
     progress(0.6)
     rows: list[dict[str, Any]] = []
     for head, p in parts:
-        s = asdict(straightness(p))
+        s = asdict(Straightness.of(p))
         rows.append({**head, "length_mm": round(s.pop("length_m") / MM, 3), **_in_um(s)})
     keys = ("horizontal_um", "vertical_um", "cylinder_um")
     summary = {
@@ -159,7 +158,7 @@ def straight(
         "counterflex": __version__,
     }
     if out is not None:
-        from counterflex.report.robot_tests.straight_page import rests, straight_page
+        from counterflex.report.robot_tests.iso230_page import rests, straight_page
 
         table = pl.concat([_straight_table(k + 1, rests(p)) for k, (_, p) in enumerate(parts)])
         _write(out, summary, pl.DataFrame(rows), table, straight_page(summary, [p for _, p in parts]))
@@ -170,7 +169,7 @@ def straight(
 def _read(
     files: Sequence[str | Path], frame: str, form: str, average_ms: float, progress: Progress
 ) -> tuple[CommandFrame, list[TrackerMeasurement]]:
-    place, measured = frame_of(frame), []
+    place, measured = CommandFrame.of(frame), []
     for k, file in enumerate(files):
         one = read_measured(file, form).averaged(average_ms * MS)
         measured.append(one.moved(place.T_command_log, place.T_target_tcp))

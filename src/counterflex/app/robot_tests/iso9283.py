@@ -12,27 +12,24 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.app.robot_tests import pose_test
-from counterflex.app.robot_tests.commanded import commanded_path, commanded_poses
+from counterflex.app.robot_tests.commanded import CommandedPoses, commanded_path
 from counterflex.app.robot_tests.pose_test import MDEG
-from counterflex.app.tracker_readings import AS_MEASURED, CommandFrame, TrackerMeasurement, frame_of, read_measured
+from counterflex.app.tracker_readings import AS_MEASURED, CommandFrame, TrackerMeasurement, read_measured
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM, MM_PER_S, MS, PERCENT, UM
-from counterflex.evaluate.iso9283.commanded_path import CommandedPath
 from counterflex.evaluate.iso9283.intervals import CONFIDENCE
-from counterflex.evaluate.iso9283.path_cycles import REACH_M, PathCycle, path_cycles
-from counterflex.evaluate.iso9283.path_figures import Corner, IsoPathFigures, corners, crossings, path_figures
-from counterflex.evaluate.iso9283.path_velocity import PathVelocity, path_velocity
-from counterflex.evaluate.iso9283.settling import BAND_M
+from counterflex.evaluate.iso9283.path_cycles import REACH_M, CommandedPath, PathCycle, path_cycles
+from counterflex.evaluate.iso9283.path_figures import Corner, IsoPathFigures, PathVelocity, corners, crossings
+from counterflex.evaluate.iso9283.standstills import BAND_M
 from counterflex.files.logs.tracker_exports.formats import OWN
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose
 
 _FITS: Final = 20
-_FITTED: Final = 1e-8
-"""A step of the fit that turns or moves by less (rad, m) is none."""
+_FITTED: Final = 1e-8  # A step of the fit that turns or moves by less (rad, m) is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +63,7 @@ def judge(
         T = _fitted(path, cycles)
         shift_m = float(np.linalg.norm(T[:3, 3]))
         cycles = _cycles([one.moved(T, np.eye(4)) for one in moved], path)
-    figures = path_figures(path, cycles)
+    figures = IsoPathFigures.of(path, cycles)
     corner_list = corners(path, cycles)
     velocity, why = _velocity(path, cycles)
     at, rt = figures.at_place, figures.rt_place
@@ -134,7 +131,7 @@ def _velocity(path: CommandedPath, cycles: Sequence[PathCycle]) -> tuple[PathVel
     if any(cycle.time_s is None for cycle in cycles):
         return None, "the readings have no usable times"
     try:
-        return path_velocity(path, cycles), ""
+        return PathVelocity.of(path, cycles), ""
     except InputError as fault:
         return None, fault.what
 
@@ -213,7 +210,7 @@ def run(
     """
     if poses is not None and path is not None:
         raise InputError("poses and a path are given", where="--poses and --path", hint="Give one of them")
-    place = frame_of(frame)
+    place = CommandFrame.of(frame)
     measured = []
     for k, file in enumerate(files):
         measured.append(read_measured(file, form))
@@ -223,7 +220,7 @@ def run(
     if path is not None:
         result = judge(measured, commanded_path(path), place, average_s=seconds)
     else:
-        commanded = None if poses is None else commanded_poses(poses)
+        commanded = None if poses is None else CommandedPoses.of(poses)
         result = pose_test.judge(
             measured, commanded, place, average_s=seconds, band_m=band_mm * MM, by_direction=by_direction
         )

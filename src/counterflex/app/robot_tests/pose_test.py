@@ -16,23 +16,14 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.iso9283 import standstills as still
-from counterflex.evaluate.iso9283.poses import (
-    PoseCycles,
-    PoseFigures,
-    distance_figures,
-    drift,
-    multi_directional,
-    pose_figures,
-)
-from counterflex.evaluate.iso9283.settling import Settled, settled
+from counterflex.evaluate.iso9283.poses import DistanceFigures, PoseCycles, PoseFigures, drift, multi_directional
+from counterflex.evaluate.iso9283.standstills import Settled
 from counterflex.geometry import pose
 
 MDEG: Final = 1e-3 * DEG
-_ALL_PAIRS: Final = 5
-"""Up to this many poses all their distances are judged; of more, those of neighbours."""
+_ALL_PAIRS: Final = 5  # Up to this many poses all their distances are judged; of more, those of neighbours
 _DISCRETE_S: Final = 0.5
-_SETTLINGS: Final = 3
-"""Approaches of a pose that the standard takes the stabilisation time from."""
+_SETTLINGS: Final = 3  # Approaches of a pose that the standard takes the stabilisation time from
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +33,54 @@ class Attained:
     poses: list[PoseCycles]  # Of every commanded pose
     settling: list[list[Settled]]  # Of every pose, its approaches where the log shows them
     refused: dict[str, int]  # Why approaches were not used, by reason
+
+    @classmethod
+    def of(
+        cls,
+        one: TrackerMeasurement,
+        commanded: CommandedPoses | None,
+        frame: CommandFrame,
+        average_s: float,
+        band_m: float,
+    ) -> Attained:
+        """Attained poses of all cycles, from the readings."""
+        if one.pose is not None:
+            return cls(_stated(one, commanded, frame), [], {})
+        if commanded is None:
+            raise InputError("the commanded poses are not known", where=one.name, hint="Give --poses")
+        averaged = one.averaged(average_s)
+        if one.time_s is None or float(np.median(np.diff(one.time_s))) > _DISCRETE_S:
+            R = one.R
+            stands = [
+                still.MeasuredStandstill(
+                    k, k, one.p[k], None if R is None else R[k], float(k if one.time_s is None else one.time_s[k])
+                )
+                for k in range(len(one.Ts_command_tcp))
+            ]
+        else:
+            assert averaged.time_s is not None
+            stands = still.standstills(averaged.time_s, averaged.p, averaged.R)
+        if frame.fitted:
+            T = still.fitted_frame(stands, commanded.Ts_command)
+            fitted = replace(frame, T_command_log=T)
+        else:
+            fitted = frame
+        T = fitted.T_command_log
+        moved = averaged.moved(T, fitted.T_target_tcp)
+        stands = [_moved(stand, T, fitted.T_target_tcp, oriented=averaged.oriented) for stand in stands]
+        which = still.assigned(stands, commanded.Ts_command)
+        cycles = still.ordered_cycles(which, len(commanded.Ts_command))
+        if not cycles:
+            raise InputError(
+                "no cycle goes through all commanded poses in their order",
+                where=one.name,
+                value=f"{len(stands)} standstills, {int(np.sum(which >= 0))} within {still.NEAR_M / MM:g} mm of a "
+                "commanded pose",
+                hint="Are readings and commands in one frame? --frame fit, a cell file, or X,Y,Z,A,B,C",
+            )
+        poses = _oriented(still.pose_cycles(stands, cycles, commanded.Ts_command), commanded, frame)
+        settling, refused = _settling(moved, stands, cycles, len(commanded.Ts_command), band_m)
+        return cls(poses, settling, refused)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +112,7 @@ def judge(
     Raises:
         InputError: The readings do not hold the poses.
     """
-    files = [_attained(one, commanded, frame, average_s, band_m) for one in measured]
+    files = [Attained.of(one, commanded, frame, average_s, band_m) for one in measured]
     groups = _by_stated_direction(measured[0], files[0]) if len(measured) == 1 else [file.poses for file in files]
     several = by_direction or len(groups) > len(files)
     counts = [len(group) for group in groups]
@@ -81,7 +120,7 @@ def judge(
         raise InputError("the files hold other numbers of poses", value=counts)
     by_pose = list(zip(*groups, strict=True))
     joined = [_joined(cycles) for cycles in by_pose]
-    figures = list(map(pose_figures, joined))
+    figures = list(map(PoseFigures.of, joined))
     summary: dict[str, Any] = {
         "test": "pose",
         "cycles": min(len(one.p) for one in joined),
@@ -99,48 +138,6 @@ def _distances(joined: Sequence[PoseCycles]) -> list[dict[str, Any]]:
     numbers = range(len(joined))
     pairs = itertools.pairwise(numbers) if len(joined) > _ALL_PAIRS else itertools.combinations(numbers, 2)
     return [_distance_row(i, j, joined) for i, j in pairs if len(joined[i].p) == len(joined[j].p)]
-
-
-def _attained(
-    one: TrackerMeasurement, commanded: CommandedPoses | None, frame: CommandFrame, average_s: float, band_m: float
-) -> Attained:
-    if one.pose is not None:
-        return Attained(_stated(one, commanded, frame), [], {})
-    if commanded is None:
-        raise InputError("the commanded poses are not known", where=one.name, hint="Give --poses")
-    averaged = one.averaged(average_s)
-    if one.time_s is None or float(np.median(np.diff(one.time_s))) > _DISCRETE_S:
-        R = one.R
-        stands = [
-            still.MeasuredStandstill(
-                k, k, one.p[k], None if R is None else R[k], float(k if one.time_s is None else one.time_s[k])
-            )
-            for k in range(len(one.Ts_command_tcp))
-        ]
-    else:
-        assert averaged.time_s is not None
-        stands = still.standstills(averaged.time_s, averaged.p, averaged.R)
-    if frame.fitted:
-        T = still.fitted_frame(stands, commanded.Ts_command)
-        fitted = replace(frame, T_command_log=T)
-    else:
-        fitted = frame
-    T = fitted.T_command_log
-    moved = averaged.moved(T, fitted.T_target_tcp)
-    stands = [_moved(stand, T, fitted.T_target_tcp, oriented=averaged.oriented) for stand in stands]
-    which = still.assigned(stands, commanded.Ts_command)
-    cycles = still.ordered_cycles(which, len(commanded.Ts_command))
-    if not cycles:
-        raise InputError(
-            "no cycle goes through all commanded poses in their order",
-            where=one.name,
-            value=f"{len(stands)} standstills, {int(np.sum(which >= 0))} within {still.NEAR_M / MM:g} mm of a "
-            "commanded pose",
-            hint="Are readings and commands in one frame? --frame fit, a cell file, or X,Y,Z,A,B,C",
-        )
-    poses = _oriented(still.pose_cycles(stands, cycles, commanded.Ts_command), commanded, frame)
-    settling, refused = _settling(moved, stands, cycles, len(commanded.Ts_command), band_m)
-    return Attained(poses, settling, refused)
 
 
 def _moved(
@@ -221,7 +218,7 @@ def _settling(
         for k, number in enumerate(cycle):
             before = stands[number - 1] if number else None
             try:
-                out[k].append(settled(moved.time_s, moved.p, before, stands[number], band_m))
+                out[k].append(Settled.of(moved.time_s, moved.p, before, stands[number], band_m))
             except InputError as fault:
                 refused[fault.what] = refused.get(fault.what, 0) + 1
     return out, refused
@@ -269,7 +266,7 @@ def _pose_row(k: int, one: PoseCycles, f: PoseFigures, files: Sequence[Attained]
 
 
 def _distance_row(i: int, j: int, poses: Sequence[PoseCycles]) -> dict[str, Any]:
-    f = distance_figures(poses[i], poses[j])
+    f = DistanceFigures.of(poses[i], poses[j])
     row: dict[str, Any] = {
         "from": i + 1,
         "to": j + 1,

@@ -70,7 +70,7 @@ def _um(value_m: float | None) -> float | None:
 
 def _write(out: str | Path, summary: dict[str, Any], result: Positioning) -> None:
     from counterflex.report.page import write_page
-    from counterflex.report.robot_tests.positioning_page import positioning_page
+    from counterflex.report.robot_tests.iso230_page import positioning_page
 
     with atomic.atomic_folder(out) as staging:
         atomic.write_text(staging / "figures.csv", pl.DataFrame(summary["targets"]).write_csv())

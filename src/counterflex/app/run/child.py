@@ -25,8 +25,7 @@ from counterflex.protocols.processes.shared_words import SharedWords
 
 _PR_SET_PDEATHSIG: Final = 1
 _LIVE_S: Final = 0.1
-_RELEASED: Final = threading.Event()
-"""The process ends by itself from now on."""
+_RELEASED: Final = threading.Event()  # The process ends by itself from now on
 
 
 def child(job: bytes, words: Path, lives: int, pipe: Any) -> None:

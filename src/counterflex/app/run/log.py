@@ -13,11 +13,10 @@ import polars
 
 from counterflex import __version__
 from counterflex.app.environment import environment
-from counterflex.app.run.incidents import numbered
+from counterflex.app.run.incidents import numbered, shown_process
 from counterflex.app.run.job_check import cell_of_run
 from counterflex.app.run.loop import loop_plan, online_loop
 from counterflex.app.run.missing import LogMissing
-from counterflex.app.run.process_events import shown_process
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Int
 from counterflex.core.progress import Progress, silent
@@ -25,9 +24,9 @@ from counterflex.core.units import NS, UM
 from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import Percentiles
 from counterflex.evaluate.run_record import RunFigures, RunRecord
-from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.repair import Repaired, repair_segment
 from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
+from counterflex.files.logs.segment import require_all
 from counterflex.files.logs.segments import LogSegment, segments
 from counterflex.files.plan_file import read_plan
 from counterflex.runtime.estimator.fusion import level

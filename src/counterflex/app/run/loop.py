@@ -28,13 +28,10 @@ from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.settings import unwatched
 from counterflex.runtime.settings import Delays, ForceMode, TrackerMode
 from counterflex.sensing.flange_sensor import FlangeSensor
-from counterflex.signals.ahead import Ahead
-from counterflex.signals.preview import Mode
+from counterflex.signals.preview import Ahead, Mode
 
-_STIFF = 1e-3
-"""A direction stiffer than the softest by more than that is not bent for lost motion."""
-_EXPONENT = 0.75
-"""Of the force in the feed, where there is no plan to take it from."""
+_STIFF = 1e-3  # A direction stiffer than the softest by more than that is not bent for lost motion
+_EXPONENT = 0.75  # Of the force in the feed, where there is no plan to take it from
 
 
 def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:

@@ -21,8 +21,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.run.child import outlive_starter
 from counterflex.app.run.end import AS_REQUESTED, RunCauses, RunEnd
-from counterflex.app.run.incidents import numbered
-from counterflex.app.run.process_events import shown_process
+from counterflex.app.run.incidents import numbered, shown_process
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError
 from counterflex.evaluate.incidents import IncidentFinder

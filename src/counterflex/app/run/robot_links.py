@@ -22,7 +22,7 @@ from counterflex.protocols.force.sensors import Value, checked_values
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.runtime.settings import OnlineSettings
-from counterflex.twin.devices.robot_controller import RobotController
+from counterflex.twin.devices.commanded_motion import RobotController
 
 Address = tuple[str, int]
 Chosen = tuple[str, Path | None]

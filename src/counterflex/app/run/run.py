@@ -19,8 +19,7 @@ from counterflex import __version__
 from counterflex.app.environment import environment
 from counterflex.app.run.child import child
 from counterflex.app.run.end import AS_REQUESTED, ended_how
-from counterflex.app.run.process import END_S, loop_process
-from counterflex.app.run.process_start import first_word, signals_wait
+from counterflex.app.run.process import END_S, first_word, loop_process, signals_wait
 from counterflex.app.run.recorder import SUMMARY, NoLog, Recorder, recorder_process
 from counterflex.app.run.session import RunSettings, one_protocol, robot_files
 from counterflex.app.run.status import Status, StatusReader

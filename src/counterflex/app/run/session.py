@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from counterflex.app.compliance_window import require_plausible
-from counterflex.app.run.holder import open_holder
+from counterflex.app.run.holder import open_holder, tools_of
 from counterflex.app.run.job_check import cell_of_run, check_job, job_of
 from counterflex.app.run.loop import load_behind, loop_plan, online_loop, tcp_target
 from counterflex.app.run.pair import open_pair
 from counterflex.app.run.robot_links import ROBOT_LINKS, Chosen, LinkOrder, RobotLinkKind, chosen, values_of
-from counterflex.app.run.tools import tools_of
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import US
@@ -41,8 +40,7 @@ from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 
 QUIET_S = 2.0
 """Without a telegram for so long, a run has ended."""
-_MEAN_OF = 8
-"""Most poses of a tracker in a cycle of which the mean is taken; more have piled up."""
+_MEAN_OF = 8  # Most poses of a tracker in a cycle of which the mean is taken; more have piled up
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.run.incidents import Numbered, numbered
+from counterflex.app.run.incidents import Numbered, numbered, shown_process
 from counterflex.app.run.log import micro
 from counterflex.app.run.missing import LogMissing
-from counterflex.app.run.process_events import shown_process
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import NS, PERCENT, UM
@@ -58,6 +57,32 @@ class RunOfHistory:
     incidents: tuple[Numbered, ...]
     actions: tuple[dict[str, Any], ...]  # What operators did, with ``time_s`` since the first record
     about: dict[str, Any]  # What the run was made of, as its log says
+
+    @classmethod
+    def of(cls, folder: Path, number: int | None, option: str = "--run") -> RunOfHistory:
+        """A run of a folder by its number; None is the last one.
+
+        Args:
+            number: As ``log show`` says it.
+            option: Name of the option that says it, for the message.
+
+        Raises:
+            InputError: No such run, or none with a record.
+        """
+        runs = read_runs(folder)
+        numbers = [one.row["run"] for one in runs]
+        if not runs:
+            raise InputError("no run in this folder has a record", where=str(folder), hint="Give a log with records")
+        if number is None:
+            return runs[-1]
+        if number not in numbers:
+            raise InputError(
+                "the folder has no run of this number",
+                where=f"{option} {number}",
+                value=str(folder),
+                limit=", ".join(str(n) for n in numbers),
+            )
+        return runs[numbers.index(number)]
 
 
 @dataclass
@@ -102,32 +127,6 @@ def read_runs(folder: Path) -> list[RunOfHistory]:
         for number, one in sorted(open_runs.items())
         if one.parts
     ]
-
-
-def one_run(folder: Path, number: int | None, option: str = "--run") -> RunOfHistory:
-    """A run of a folder by its number; None is the last one.
-
-    Args:
-        number: As ``log show`` says it.
-        option: Name of the option that says it, for the message.
-
-    Raises:
-        InputError: No such run, or none with a record.
-    """
-    runs = read_runs(folder)
-    numbers = [one.row["run"] for one in runs]
-    if not runs:
-        raise InputError("no run in this folder has a record", where=str(folder), hint="Give a log with records")
-    if number is None:
-        return runs[-1]
-    if number not in numbers:
-        raise InputError(
-            "the folder has no run of this number",
-            where=f"{option} {number}",
-            value=str(folder),
-            limit=", ".join(str(n) for n in numbers),
-        )
-    return runs[numbers.index(number)]
 
 
 def _logged(folder: Path, number: int, one: _Open, incidents: list[Numbered], *, incomplete: bool) -> RunOfHistory:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app.run_history.logged_run import RunOfHistory, one_run
+from counterflex.app.run_history.logged_run import RunOfHistory
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.files.summary_file import write_summary
@@ -46,7 +46,7 @@ def page(folder: Path, out: Path, number: int | None = None) -> dict[str, Any]:
         out: Folder of ``report.html`` and ``summary.json``.
         number: Of the run; None is the last.
     """
-    run = one_run(folder, number)
+    run = RunOfHistory.of(folder, number)
     summary = {
         "job": "log page",
         **run.row,
@@ -71,7 +71,7 @@ def compare(
         InputError: Both are the same run.
     """
     runs = [
-        one_run(place, number, option)
+        RunOfHistory.of(place, number, option)
         for place, number, option in zip((first, second), numbers, ("--run", "--second-run"), strict=True)
     ]
     a, b = (one.row for one in runs)

@@ -18,10 +18,9 @@ from counterflex.core.units import DEG, MM, US
 from counterflex.files.cell.cell import Cell
 from counterflex.protocols.system.realtime import prepare
 from counterflex.twin.devices.applied import Applied
-from counterflex.twin.devices.commanded_motion import CommandedMotion
+from counterflex.twin.devices.commanded_motion import CommandedMotion, RobotController
 from counterflex.twin.devices.exact_robot import ControlledRobot, ExactRobot
 from counterflex.twin.devices.path_answer import PathAnswer
-from counterflex.twin.devices.robot_controller import RobotController
 from counterflex.twin.devices.robot_server import CycleSeen, RobotServer, Timing
 from counterflex.twin.network.faults import FaultSchedule
 

@@ -17,7 +17,7 @@ from counterflex.app.proof import simulate
 from counterflex.app.robot_programs import digest, inputs_of
 from counterflex.app.run.job_check import program_job
 from counterflex.app.run.robot_links import ROBOT_LINKS, Chosen, ControllerOrder, SimulatedController, chosen, values_of
-from counterflex.app.simulated_cell.force_devices import force_device
+from counterflex.app.simulated_cell.instruments import force_device
 from counterflex.core import atomic
 from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError
@@ -25,9 +25,8 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.registry import imported
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.sensing import PROTOCOL, strain_holder
-from counterflex.files.run_file import write_run
 from counterflex.files.scenario_file import Scenario
-from counterflex.files.summary_file import write_folder_summary
+from counterflex.files.summary_file import write_folder_summary, write_run
 from counterflex.twin.devices.force_device import ForceDevice, ForceStart
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.robot_server import Timing
@@ -38,8 +37,7 @@ from counterflex.twin.live.live_cell import LiveCell
 from counterflex.twin.network.faults import Fault, FaultSchedule
 from counterflex.twin.plant.force_sensor import force_sensor
 from counterflex.twin.plant.plant import Plant
-from counterflex.twin.plant.strain_holder import instrumented_holder
-from counterflex.twin.plant.strain_stream import WARM_K, StrainStream
+from counterflex.twin.plant.strain_holder import WARM_K, StrainStream, instrumented_holder
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex.twin.truth.truth import Truth
 

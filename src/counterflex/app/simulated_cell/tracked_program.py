@@ -17,7 +17,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.tracker_log import log_text
 from counterflex.files.summary_file import write_summary
 from counterflex.twin.laboratory.laboratory import laboratory
-from counterflex.twin.laboratory.slots import track
+from counterflex.twin.laboratory.slots import TrackedProgram
 from counterflex.twin.truth.file import read_truth
 
 LOG: Final = "tracker.csv"
@@ -51,7 +51,7 @@ def run(
     cell, truth = read_cell(cell_file), read_truth(truth_file)
     check_same_cell(cell, truth, str(truth_file))
     job = read_job(program, cell, reading=reading)
-    tracked = track(
+    tracked = TrackedProgram.of(
         job.machined,
         truth=truth,
         laboratory=laboratory(seed),

@@ -12,7 +12,7 @@ import numpy as np
 
 from counterflex.app.inputs import AS_IT_IS, Reading, read_in_plane, setting_of
 from counterflex.app.lowest_mode import STATED
-from counterflex.app.strategy.own_cut import Along, OwnCut, own_cut
+from counterflex.app.strategy.own_cut import Along, OwnCut
 from counterflex.app.unknowns import HANDBOOK, IDENTIFIED, WORN
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -21,7 +21,6 @@ from counterflex.core.units import MM
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
-from counterflex.cutting.tilted_stock import working_plane
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
@@ -103,7 +102,7 @@ def advise(
     own = None
     if program is not None:
         cell, job = read_in_plane(program, cell, reading=reading)
-        own = own_cut(job, cell, operation.tool, progress)
+        own = OwnCut.of(job, cell, operation.tool, progress)
     law, setting = _law(cell, operation), setting_of(cell, part_may_be_held=True)
     cutter, tool = _cutter(cell, operation, own)
     place = _place(cell, setting, operation, own)
@@ -190,7 +189,7 @@ def _place(cell: Cell, setting: Setting, operation: WallOperation, own: OwnCut |
     along: tuple[Along, ...] = (here,)
     if own is not None and operation.at_m is None and operation.normal_rad is None:
         along = own.along
-    turned, normal = _upright(here)
+    turned, normal = here.upright()
     return CutPlace(
         setting.chain,
         here.q,
@@ -228,25 +227,18 @@ def _there(cell: Cell, setting: Setting, operation: WallOperation, own: OwnCut |
     return Along(q, normal, axis, to_part, 0 if own is None else own.line)
 
 
-def _upright(there: Along) -> tuple[Float, Float]:
-    """Motion (6, 6) and normal (3,) in axes whose z is the tool axis."""
-    R = working_plane(there.axis_part).T
-    turn = np.kron(np.eye(2), R)
-    return turn @ there.to_part, R @ there.normal_part
-
-
 def _compliance(setting: Setting, q: Float, to_part: Float) -> Float:
     out: Float = to_part @ cartesian_compliance(setting.chain, q) @ to_part.T
     return out
 
 
 def _standing(setting: Setting, there: Along) -> WallPosture:
-    to_part, normal = _upright(there)
+    to_part, normal = there.upright()
     return WallPosture(robot_modes(setting.chain, there.q, to_part, setting.mode, setting.damping.ratio), normal)
 
 
 def _swing(setting: Setting, there: Along) -> Swing:
-    to_part, normal = _upright(there)
+    to_part, normal = there.upright()
     compliance = _compliance(setting, there.q, to_part)
     return swing_of(
         setting.chain, there.q, to_part, compliance, normal, setting.damping.ratio, setting.mode, there.line

@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading
-from counterflex.app.named_lines import with_files
+from counterflex.app.robot_programs import with_files
 from counterflex.app.strategy.advice import Advice, WallOperation, advise
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent

@@ -20,10 +20,8 @@ Kind = Literal["wall in", "wall out", "plunge", "edge", "run-up"]
 _TANGENT_RAD: Final = 0.25
 _CONTACT_M3: Final = 1e-12
 _LEVEL_M: Final = 1e-9
-_SOON_M: Final = 0.5 * MM
-"""A cut that takes material within so much of its beginning begins in the material."""
-_CORNER: Final = math.cos(math.pi / 9.0)
-"""Cosine of a turn between two motions that is a corner."""
+_SOON_M: Final = 0.5 * MM  # A cut that takes material within so much of its beginning begins in the material
+_CORNER: Final = math.cos(math.pi / 9.0)  # Cosine of a turn between two motions that is a corner
 _WORDS: Final = frozenset("GXYZFIJKN")
 
 
@@ -126,17 +124,6 @@ def _is_vertical(motion: Motion) -> bool:
     return motion.kind in ("feed", "rapid") and float(np.linalg.norm(motion.p_end[:2] - motion.p_start[:2])) < _LEVEL_M
 
 
-def tangent_at(motion: Motion, *, end: bool) -> Float:
-    """(2,) unit direction at the start or the end of a motion."""
-    if motion.kind == "arc" and motion.p_centre is not None and motion.normal is not None:
-        arm = (motion.p_end if end else motion.p_start) - motion.p_centre
-        v = math.copysign(1.0, motion.turn_rad) * np.cross(motion.normal, arm)[:2]
-    else:
-        v = (motion.p_end - motion.p_start)[:2]
-    out: Float = v / np.linalg.norm(v)
-    return out
-
-
 def _free(tangent: Float, side: str) -> Float:
     left = np.array([-tangent[1], tangent[0]])
     return {"up": -left, "down": left}.get(side, tangent)
@@ -147,7 +134,7 @@ def _beginning(program: Program, rows: _EntryRows, group: list[int], k: int, rad
     start = rows.near(k, 0.0, 4.0 * radius, end=False)
     if not rows.contact[start].any():
         return None
-    side, tangent = rows.side(start), tangent_at(motion, end=False)
+    side, tangent = rows.side(start), motion.tangent_at(end=False)
     first = int(np.argmax(rows.contact[start]))
     down = group[: group.index(k)]
     in_plunge = np.concatenate([rows.of(j) for j in down]) if down else np.zeros(0, dtype=np.int64)
@@ -200,8 +187,8 @@ def _straight_at_wall(program: Program, rows: _EntryRows, level: list[int], radi
         return None
     line, k = level[:2]
     side = rows.side(rows.near(k, 0.0, 4.0 * radius, end=False))
-    tangent = tangent_at(program.motions[k], end=False)
-    sharp = float(tangent_at(program.motions[line], end=True) @ tangent) < _CORNER
+    tangent = program.motions[k].tangent_at(end=False)
+    sharp = float(program.motions[line].tangent_at(end=True) @ tangent) < _CORNER
     meets = rows.contact[rows.of(line)].any() and not rows.contact[rows.near(line, 0.0, _SOON_M, end=False)].any()
     if side not in ("up", "down") or not sharp or not meets:
         return None
@@ -216,7 +203,7 @@ def _ending(program: Program, rows: _EntryRows, group: list[int], k: int, radius
     last = rows.near(k, 0.0, _SOON_M, end=True)
     if side not in ("up", "down") or not rows.contact[last].any() or k != group[-1]:
         return None
-    tangent = tangent_at(motion, end=True)
+    tangent = motion.tangent_at(end=True)
     behind = k + 1 if k + 1 < len(program.motions) else -1
     refusal = _refusal(program, [k, behind]) or _arc_refusal(program, k)
     refusal = refusal or _unless_vertical(program, behind, "left straight up")

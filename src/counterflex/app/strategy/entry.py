@@ -35,8 +35,7 @@ STEP_M: Final = 0.25 * MM
 WINDOW_S: Final = 0.02
 """The force step is the change of the mean force vector from one such time to the next."""
 _CONTACT_M3: Final = 1e-12
-_SURFACE_M: Final = 5.0 * UM
-"""Heights that differ less are the same: chord of a sampled arc."""
+_SURFACE_M: Final = 5.0 * UM  # Heights that differ less are the same: chord of a sampled arc
 Figures = dict[str, float]
 
 

@@ -13,10 +13,8 @@ from counterflex.plan.strategy.entry_moves import EntryArc, arc_in, arc_out, ram
 from counterflex.programs.program import Block, Program, has_g
 
 _LEVEL_M = 1e-9
-_STEP = 0.25
-"""Depth of a pass of a ramp, in radii of the cutter."""
-_CLEAR_M = 0.5 * MM
-"""A ramp begins so far above where the plunge meets material."""
+_STEP = 0.25  # Depth of a pass of a ramp, in radii of the cutter
+_CLEAR_M = 0.5 * MM  # A ramp begins so far above where the plunge meets material
 
 
 @dataclass(frozen=True)

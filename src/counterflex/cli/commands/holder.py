@@ -13,8 +13,7 @@ from counterflex.cli.commands.program import Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.errors import InputError
 
-_SETTLED: Final = 5.0
-"""Change of a strain from half as many bricks above which more are advised, %."""
+_SETTLED: Final = 5.0  # Change of a strain from half as many bricks above which more are advised, %
 holder = typer.Typer(no_args_is_help=True, help="Design a spindle holder that senses the cutting force by strain.")
 
 
@@ -75,8 +74,8 @@ def design(
         raise InputError("--mounting needs the cell that the spindle is mounted in", hint="Give --cell CELL")
     keep_inputs(out, holder, cell)
     from counterflex.app import holder_design as job
-    from counterflex.app.holder_in_robot import Spindle
-    from counterflex.app.placement.spindle_mounting import Mounting
+    from counterflex.app.holder_design import Spindle
+    from counterflex.app.placement.region import Mounting
 
     spindle = None
     if cell is not None:

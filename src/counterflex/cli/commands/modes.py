@@ -60,7 +60,7 @@ def modes(
     Example: `counterflex modes cell.toml --joints 0,-90,110,0,40,0`
     """
     keep_inputs(out, cell, tap_test)
-    from counterflex.app import modes as job
+    from counterflex.app import cell_modes as job
 
     with progress_bar(f"modes of {cell.name}") as progress:
         summary = job.run(

@@ -12,9 +12,17 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written, warn
-from counterflex.cli.predicted import MODEL
-from counterflex.cli.scenario import Layers
+from counterflex.cli.output import (
+    MODEL,
+    Layers,
+    keep_inputs,
+    line_of,
+    print_json,
+    print_table,
+    progress_bar,
+    say_written,
+    warn,
+)
 from counterflex.core.units import UM
 from counterflex.programs.language import BY_ENDING, at_prompt, dialects
 
@@ -140,7 +148,7 @@ def path(
     inputs = [program, *(file for file in (cell, parameters) if file is not None)]
     keep_inputs(csv, *inputs, option="--csv")
     from counterflex.app.inputs import Reading
-    from counterflex.app.motion_list import listed
+    from counterflex.app.written_out import listed
     from counterflex.programs.listing import listing, write_listing
 
     toolpath, held = listed(program, Reading(dialect, parameters, complete=not without_end), cell)
@@ -291,8 +299,7 @@ def _written_rows(written: dict[str, Any]) -> list[list[str]]:
 
 
 def _show(summary: dict[str, Any], files: Sequence[str], out: Path) -> None:
-    from counterflex.app.compensation.chip_remark import extrapolation_text
-    from counterflex.app.compensation.headline import error_rows
+    from counterflex.app.compensation.headline import error_rows, extrapolation_text
     from counterflex.app.compensation.prediction import calm_feed_text
 
     prediction = summary["prediction"]

@@ -10,8 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.commands.cell_import import cell_import
-from counterflex.cli.output import print_json, print_table, warn
-from counterflex.cli.predicted import MODEL_NOTE
+from counterflex.cli.output import MODEL_NOTE, print_json, print_table, warn
 from counterflex.core.errors import InputError
 from counterflex.core.jit import few_calls
 from counterflex.core.next_command import next_command
@@ -34,18 +33,18 @@ def robots(
 
     Example: `counterflex robots kuka_kr300_r2500_ultra`
     """
-    from counterflex.app import robot_list
+    from counterflex.app import questions
 
     if name is not None:
-        sheet = robot_list.data_sheet(robot_list.robot_named(name))
-        rows = [row for row in robot_list.robots() if row["name"] == name] or [{"name": name}]
+        sheet = questions.data_sheet(questions.robot_named(name))
+        rows = [row for row in questions.robots() if row["name"] == name] or [{"name": name}]
         rows[0]["data_sheet"] = sheet
         if as_json:
             print_json(rows)
         else:
             _print_robot(name, rows[0], sheet)
         return
-    rows = robot_list.robots()
+    rows = questions.robots()
     if as_json:
         print_json(rows)
     else:

@@ -13,8 +13,15 @@ from counterflex.cli.commands.log import show_process
 from counterflex.cli.commands.program import CellFile, MachineOptions, Out, Program
 from counterflex.cli.commands.simulated.options import require_not_abandoned, say_force_device
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, line_period_s, print_result, print_table, progress_bar
-from counterflex.cli.scenario import Layers, host_port
+from counterflex.cli.output import (
+    Layers,
+    host_port,
+    keep_inputs,
+    line_period_s,
+    print_result,
+    print_table,
+    progress_bar,
+)
 from counterflex.core.errors import InputError
 
 Rsi = Annotated[

@@ -16,8 +16,7 @@ from counterflex.cli.commands.run import cell as of_cell
 from counterflex.cli.commands.simulated.egm import egm
 from counterflex.cli.commands.simulated.instruments import ads, netft, tracker, wrench
 from counterflex.cli.commands.simulated.rsi import rsi
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
-from counterflex.cli.scenario import Layers
+from counterflex.cli.output import Layers, keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
 

@@ -250,7 +250,7 @@ def surface(stock: ColumnStock, log: CutLog, pitch_m: float | None = None) -> Su
         InputError: Nothing is left, or the surface would have more than 20 million points.
     """
     lattice = _Lattice.of(stock, pitch_m)
-    ends = [_across(lattice, 0, stock, log), _across(lattice, 1, stock, log), _up(lattice, stock)]
+    ends = [_Ends.across(lattice, 0, stock, log), _Ends.across(lattice, 1, stock, log), _Ends.up(lattice, stock)]
     points = np.concatenate([one.points for one in ends])
     vertices, triangles, quads = net(
         lattice.cubes, [CrossedEdges(one.along, one.edge, one.filled) for one in ends], points
@@ -276,7 +276,7 @@ def wall_points(stock: ColumnStock, log: CutLog, pitch_m: float | None = None) -
         InputError: See there.
     """
     lattice = _Lattice.of(stock, pitch_m)
-    ends = [_across(lattice, along, stock, log, 0) for along in (0, 1)]
+    ends = [_Ends.across(lattice, along, stock, log, 0) for along in (0, 1)]
     return np.concatenate([one.points[one.cut] for one in ends])
 
 
@@ -325,6 +325,42 @@ class _Ends:
     points: Float
     cut: Bool
 
+    @classmethod
+    def across(cls, lattice: _Lattice, along: int, stock: ColumnStock, log: CutLog, outer: int = 1) -> _Ends:
+        """Ends on lines along x (0) or y (1); outer 0 leaves out the sides of the blank."""
+        z0, pitch = float(lattice.z[0]), lattice.pitch
+        edge, filled = _room(stock.count.size // 4)
+        count = edges_across(stock.columns, along, outer, z0, pitch, edge, filled)
+        if count > len(edge):
+            edge, filled = _room(count)
+            edges_across(stock.columns, along, outer, z0, pitch, edge, filled)
+        edge, filled = edge[:count], filled[:count]
+        k, j, i = edge.T
+        start = np.stack([lattice.x[i], lattice.y[j], lattice.z[k]], axis=1)
+        ends = log.ends(along, start, stock.cell_m, filled)
+        cut = ~np.isnan(ends)
+        ends = np.where(
+            cut, np.clip(ends, 0.0, stock.cell_m), 0.5 * stock.cell_m
+        )  # faces of the blank end half a cell out
+        outer = (i == 0) | (i == len(lattice.x) - 2) if along == 0 else (j == 0) | (j == len(lattice.y) - 2)
+        blank = np.where(filled, ends > 0.5 * stock.cell_m, ends < 0.5 * stock.cell_m) & outer
+        ends = np.where(blank, 0.5 * stock.cell_m, ends)
+        points = start.copy()
+        points[:, along] += ends
+        return cls(along, edge, filled, points, cut & ~blank)
+
+    @classmethod
+    def up(cls, lattice: _Lattice, stock: ColumnStock) -> _Ends:
+        """Ends on lines along z, from the columns."""
+        z0, pitch = float(lattice.z[0]), lattice.pitch
+        edge, filled = _room(edges_up(stock.columns, z0, pitch, *_room(0), np.empty(0)))
+        z = np.empty(len(edge))
+        edges_up(stock.columns, z0, pitch, edge, filled, z)
+        k, j, i = edge.T
+        points = np.stack([lattice.x[i], lattice.y[j], np.clip(z, lattice.z[k], lattice.z[k + 1])], axis=1)
+        faces = (k == 0) | (k == len(lattice.z) - 2)
+        return cls(2, edge, filled, points, ~faces)
+
 
 def _room(count: int) -> tuple[Int, Bool]:
     """Arrays for so many edges."""
@@ -336,37 +372,3 @@ def _room(count: int) -> tuple[Int, Bool]:
             hint="Take larger cells of the stock (cell_mm)",
         )
     return np.empty((count, 3), np.int64), np.empty(count, np.bool_)
-
-
-def _across(lattice: _Lattice, along: int, stock: ColumnStock, log: CutLog, outer: int = 1) -> _Ends:
-    """Ends on lines along x (0) or y (1); outer 0 leaves out the sides of the blank."""
-    z0, pitch = float(lattice.z[0]), lattice.pitch
-    edge, filled = _room(stock.count.size // 4)
-    count = edges_across(stock.columns, along, outer, z0, pitch, edge, filled)
-    if count > len(edge):
-        edge, filled = _room(count)
-        edges_across(stock.columns, along, outer, z0, pitch, edge, filled)
-    edge, filled = edge[:count], filled[:count]
-    k, j, i = edge.T
-    start = np.stack([lattice.x[i], lattice.y[j], lattice.z[k]], axis=1)
-    ends = log.ends(along, start, stock.cell_m, filled)
-    cut = ~np.isnan(ends)
-    ends = np.where(cut, np.clip(ends, 0.0, stock.cell_m), 0.5 * stock.cell_m)  # faces of the blank end half a cell out
-    outer = (i == 0) | (i == len(lattice.x) - 2) if along == 0 else (j == 0) | (j == len(lattice.y) - 2)
-    blank = np.where(filled, ends > 0.5 * stock.cell_m, ends < 0.5 * stock.cell_m) & outer
-    ends = np.where(blank, 0.5 * stock.cell_m, ends)
-    points = start.copy()
-    points[:, along] += ends
-    return _Ends(along, edge, filled, points, cut & ~blank)
-
-
-def _up(lattice: _Lattice, stock: ColumnStock) -> _Ends:
-    """Ends on lines along z, from the columns."""
-    z0, pitch = float(lattice.z[0]), lattice.pitch
-    edge, filled = _room(edges_up(stock.columns, z0, pitch, *_room(0), np.empty(0)))
-    z = np.empty(len(edge))
-    edges_up(stock.columns, z0, pitch, edge, filled, z)
-    k, j, i = edge.T
-    points = np.stack([lattice.x[i], lattice.y[j], np.clip(z, lattice.z[k], lattice.z[k + 1])], axis=1)
-    faces = (k == 0) | (k == len(lattice.z) - 2)
-    return _Ends(2, edge, filled, points, ~faces)

@@ -12,28 +12,23 @@ import scipy
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FORM, SIZES, ZONES, FeatureRow, flatness_k, linear_m
-from counterflex.evaluate.floor_filter import floor_fit
+from counterflex.evaluate.floor_filter import LocalFit, floor_fit, local_fit
 from counterflex.evaluate.inspection.mesh_shape import CadFace, CadSolid
 from counterflex.evaluate.inspection.nominal_part import STEEP
 from counterflex.evaluate.inspection.part_deviations import FREE
 from counterflex.evaluate.inspection.scanned_part import UP, ScannedPart
-from counterflex.evaluate.iso230.circularity import circularity
-from counterflex.evaluate.local_fit import LocalFit, local_fit
+from counterflex.evaluate.iso230.circular_test import Circularity
 from counterflex.evaluate.measured_values import Row, values_row
 
 PITCH_M: Final = 1.0 * MM
 """Distance of the places of a face at which it is measured; up a wall three times as much, as its windows are."""
 _MOST: Final = 4000
-_EDGE_M: Final = 0.5 * MM
-"""Strip along the edges of a face that is left out; of a narrow one what leaves its middle."""
+_EDGE_M: Final = 0.5 * MM  # Strip along the edges of a face that is left out; of a narrow one what leaves its middle
 _MIDDLE: Final = 0.8
-_ROUND: Final = 0.5
-"""Less of a turn than this share is measured as a profile: its centre is known badly."""
+_ROUND: Final = 0.5  # Less of a turn than this share is measured as a profile: its centre is known badly
 _LEAST: Final = 3
-_FLAT: Final = 10
-"""Fewer places show no form."""
-_LARGEST_M: Final = 2.0
-"""End of the table of general tolerances."""
+_FLAT: Final = 10  # Fewer places show no form
+_LARGEST_M: Final = 2.0  # End of the table of general tolerances
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +282,7 @@ def _circle(places: _Places, values: Mapping[str, Float], shares: Mapping[str, f
         if known.sum() < 0.5 * _ROUND * len(known):
             continue
         made = (places.points - face.point)[known] + value[known, None] * places.normals[known]
-        circle = circularity((made @ R)[:, :2], np.zeros(2), face.radius_m)
+        circle = Circularity.of((made @ R)[:, :2], np.zeros(2), face.radius_m)
         diameter[name] = np.array([2.0 * circle.radius_m])
         roundness[name] = np.array([circle.g_m])
         centre[name] = np.array([float(np.hypot(*circle.centre_offset_m))])

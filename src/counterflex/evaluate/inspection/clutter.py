@@ -26,8 +26,7 @@ _FOOTPRINT_M: Final = 0.5 * MM
 _CONE: Final = float(np.cos(6.0 * DEG))
 _FACING: Final = float(np.cos(20.0 * DEG))
 _BIN_M: Final = 0.5 * MM
-_PEAK: Final = 0.002
-"""A plane holds at least this share of the points."""
+_PEAK: Final = 0.002  # A plane holds at least this share of the points
 _PLANES: Final = 10
 _PAIR_M: Final = 1.0 * MM
 _PAIRS: Final = 4

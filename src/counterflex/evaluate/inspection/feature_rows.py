@@ -20,8 +20,7 @@ from counterflex.evaluate.prismatic.finding import PrismaticFeature, find_prisma
 from counterflex.evaluate.surface import NominalSurface
 
 _DRAWS: Final = 24
-_ONCE_MORE: Final = float(np.sqrt(2.0)) - 1.0
-"""Growth of the standard deviation of noise when it is drawn once more."""
+_ONCE_MORE: Final = float(np.sqrt(2.0)) - 1.0  # Growth of the standard deviation of noise when it is drawn once more
 
 
 def inspected_features(

@@ -14,8 +14,7 @@ from counterflex.evaluate.inspection.mesh_kernel import count_cubes, list_cubes,
 
 _SIDE_M: Final = 1.0 * MM
 _MOST_CUBES: Final = 8_000_000
-_SAME: Final = 0.98
-"""Cosine of 11 deg: neighbouring triangles of a curved face differ by less."""
+_SAME: Final = 0.98  # Cosine of 11 deg: neighbouring triangles of a curved face differ by less
 
 
 class MeshShape:

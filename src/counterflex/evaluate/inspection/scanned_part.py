@@ -12,13 +12,12 @@ import scipy
 from counterflex.core.arrays import Bool, Float, Float32, Int
 from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.figures import weighted_figures
-from counterflex.evaluate.floor_filter import floor_fit
+from counterflex.evaluate.figures import DeviationFigures
+from counterflex.evaluate.floor_filter import LocalFit, floor_fit, local_fit
 from counterflex.evaluate.inspection.cloud import Cloud
 from counterflex.evaluate.inspection.nominal_part import FACING, NominalPart
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
-from counterflex.evaluate.local_fit import LocalFit, local_fit
 from counterflex.evaluate.measured_values import height_at
 from counterflex.evaluate.surface import SurfaceDeviation
 from counterflex.evaluate.swept_section import SweptSection, swept_section
@@ -31,8 +30,7 @@ UP: Final = 3.0
 """Up and down a wall the window is so many times wider: what a tool leaves changes along its path first."""
 _NEAR: Final = 8
 _GROSS: Final = 8.0
-_SCANNED: Final = 500
-"""Fewer points were probed one by one: their neighbours do not show which way the surface looks."""
+_SCANNED: Final = 500  # Fewer points were probed one by one: their neighbours do not show which way the surface looks
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,11 +145,11 @@ class ScannedPart:
         return SurfaceDeviation(
             floor_m=floor,
             wall_m=wall,
-            surface=weighted_figures(
+            surface=DeviationFigures.weighted(
                 np.concatenate([cells, wall[known]]), np.concatenate([area, surface.wall_area_m2[known]])
             ),
-            floor=weighted_figures(cells, area),
-            wall=weighted_figures(wall[known], surface.wall_area_m2[known]),
+            floor=DeviationFigures.weighted(cells, area),
+            wall=DeviationFigures.weighted(wall[known], surface.wall_area_m2[known]),
             floor_resolution_m=step * nominal.cell_m,
             wall_resolution_m=pitch,
             wall_lost_m2=float(surface.wall_area_m2[~known].sum()),

@@ -21,8 +21,7 @@ from counterflex.evaluate.inspection.part_deviations import FREE, PartDeviations
 AXES: Final = ("x", "y", "z")
 _PATCH_M: Final = 8.0 * MM
 _ALONG: Final = 0.99
-_LEAST_SIGMA_M: Final = 1.0 * UM
-"""Of the mean of one patch: flatness of a face is never known better."""
+_LEAST_SIGMA_M: Final = 1.0 * UM  # Of the mean of one patch: flatness of a face is never known better
 _SAME: Final = 3.0
 """Directions agree when their scales differ by less than so many standard deviations, or a third of their mean."""
 BALL_M: Final = 0.2 * MM

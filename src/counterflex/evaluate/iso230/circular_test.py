@@ -6,11 +6,88 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 
-from counterflex.core.arrays import Float, as_float
+from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
-from counterflex.evaluate.iso230.circularity import circularity
+
+
+@dataclass(frozen=True)
+class Circularity:
+    """Figures of one measured circle, m."""
+
+    g_m: float  # circular deviation G: least radial distance between two concentric circles that hold the path
+    f_max_m: float  # largest radial deviation F from the nominal circle about its nominal centre; positive = outside
+    f_min_m: float  # smallest (most inward) radial deviation F
+    centre_offset_m: tuple[float, float]  # (2,) centre of the two circles minus the nominal centre, in the axes given
+    radius_m: float  # mean of the two circles' radii
+
+    @classmethod
+    def of(cls, points: Float, centre: Float, radius_m: float) -> Circularity:
+        """Circular deviation G (minimum zone) and radial deviation F of a path along a circle.
+
+        G solves ``min h - l`` with ``l <= |p_i - c| <= h`` over the centre c as a sequence of linear programs, each
+        exact to second order in the step of c.
+
+        Args:
+            points: (n, 2) m, n >= 4, path in the plane of the circle, its whole turn or a part of at least 90 deg.
+            centre: (2,) m nominal centre.
+            radius_m: Nominal radius.
+
+        Raises:
+            InputError: Fewer than four points, points at the centre, or an arc of less than 90 deg, which fixes no
+                centre.
+
+        Source: ISO 230-4, definitions of circular deviation G and radial deviation F.
+        """
+        p = as_float("points", points, (None, 2))
+        c0 = as_float("centre", centre, (2,))
+        nominal = as_positive("radius_m", radius_m)
+        if len(p) < 4:
+            raise InputError("a circle needs at least four points", value=len(p))
+        rho = np.linalg.norm(p - c0, axis=1)
+        if float(rho.min()) < 0.1 * nominal:
+            raise InputError(
+                "a point lies near the centre of the circle", value=float(rho.min()), limit=f"~{nominal:g} m"
+            )
+        angle = np.sort(np.arctan2(p[:, 1] - c0[1], p[:, 0] - c0[0]))
+        widest = float(np.max(np.diff(np.append(angle, angle[0] + 2.0 * np.pi))))
+        if widest > 1.5 * np.pi + 1e-9:
+            raise InputError("the arc is too short for its centre", value=f"{np.degrees(2 * np.pi - widest):.1f} deg",
+                             limit=">= 90 deg")  # fmt: skip
+        best = c = c0.copy()
+        low, high = float(rho.min()), float(rho.max())
+        for _ in range(8):
+            away = p - c
+            r = np.linalg.norm(away, axis=1)
+            u = away / r[:, None]
+            middle = float(r.mean())
+            # unknowns: step of the centre (2), low and high radius about the mean
+            above = np.column_stack([-u, np.zeros(len(p)), -np.ones(len(p))])
+            below = np.column_stack([u, np.ones(len(p)), np.zeros(len(p))])
+            result = scipy.optimize.linprog(
+                [0.0, 0.0, -1.0, 1.0],
+                A_ub=np.vstack([above, below]),
+                b_ub=np.concatenate([-(r - middle), r - middle]) / nominal,
+                bounds=[(None, None)] * 4,
+                method="highs",
+            )
+            step = nominal * np.asarray(result.x[:2], dtype=np.float64)
+            c = c + step
+            r = np.linalg.norm(p - c, axis=1)
+            if float(np.ptp(r)) < high - low:  # the program's tolerance may leave a step that is none
+                best, low, high = c, float(r.min()), float(r.max())
+            if float(np.abs(step).max()) < 1e-9 * nominal:
+                break
+        return cls(
+            g_m=high - low,
+            f_max_m=float(rho.max()) - nominal,
+            f_min_m=float(rho.min()) - nominal,
+            centre_offset_m=(float(best[0] - c0[0]), float(best[1] - c0[1])),
+            radius_m=0.5 * (low + high),
+        )
+
 
 TURN_RAD: Final = 2.0 * np.pi
 _LEAST_TURN: Final = 359.0 * DEG
@@ -199,23 +276,23 @@ class BiDirectional:
     # about their common least-squares centre
     h_m: float
 
+    @classmethod
+    def of(cls, cw: Turn, ccw: Turn, nominal_radius_m: float | None) -> BiDirectional:
+        """G(b), D and H of two turns in opposite directions.
 
-def bi_directional(cw: Turn, ccw: Turn, nominal_radius_m: float | None) -> BiDirectional:
-    """G(b), D and H of two turns in opposite directions.
-
-    Source: ISO 230-4:2005, 3.3 and 3.6; H: ISO 230-4:1996.
-    """
-    both = np.concatenate([cw.points, ccw.points])
-    c, radius = least_squares_circle(both)
-    rho = np.linalg.norm(both - c, axis=1)
-    angle = np.linspace(-np.pi, np.pi, 1440, endpoint=False)
-    r_cw, r_ccw = (_radius_at(angle, turn.points - c) for turn in (cw, ccw))
-    return BiDirectional(
-        g_b_m=minimum_zone(both),
-        g_b_lsc_m=float(np.ptp(rho)),
-        d_m=None if nominal_radius_m is None else radius - nominal_radius_m,
-        h_m=float(np.abs(r_cw - r_ccw).max()),
-    )
+        Source: ISO 230-4:2005, 3.3 and 3.6; H: ISO 230-4:1996.
+        """
+        both = np.concatenate([cw.points, ccw.points])
+        c, radius = least_squares_circle(both)
+        rho = np.linalg.norm(both - c, axis=1)
+        angle = np.linspace(-np.pi, np.pi, 1440, endpoint=False)
+        r_cw, r_ccw = (_radius_at(angle, turn.points - c) for turn in (cw, ccw))
+        return cls(
+            g_b_m=minimum_zone(both),
+            g_b_lsc_m=float(np.ptp(rho)),
+            d_m=None if nominal_radius_m is None else radius - nominal_radius_m,
+            h_m=float(np.abs(r_cw - r_ccw).max()),
+        )
 
 
 def _radius_at(angle: Float, points: Float) -> Float:
@@ -238,7 +315,7 @@ def minimum_zone(points: Float) -> float:
     first = np.flatnonzero(np.diff(part[order], prepend=-1))
     last = np.append(first[1:], len(order)) - 1
     chosen = np.unique(order[np.concatenate([first, last])])
-    return circularity(points[chosen], c, radius).g_m
+    return Circularity.of(points[chosen], c, radius).g_m
 
 
 def require_circle(p: Float, circle: Circle) -> None:

@@ -51,7 +51,7 @@ class Approaches:
         places = np.unique(self.target_m)
         if len(places) < 2:
             raise InputError("a test of positioning needs targets", value=len(places), limit=">= 2, by ISO 230-2 >= 5")
-        targets = tuple(_target(place, self) for place in places.tolist())
+        targets = tuple(TargetFigures.of(place, self) for place in places.tolist())
         up, s_up = _column(targets, "mean_up_m"), _column(targets, "s_up_m")
         down, s_down = _column(targets, "mean_down_m"), _column(targets, "s_down_m")
         reversal, repeat = _column(targets, "reversal_m"), _column(targets, "repeatability_m")
@@ -87,6 +87,22 @@ class TargetFigures:
     repeatability_m: float  # r_i; of the one direction where there is only one
     runs: tuple[int, int]  # approaches from below and from above
 
+    @classmethod
+    def of(cls, place: float, approaches: Approaches) -> TargetFigures:
+        """Figures of one target from its approaches in both directions."""
+        here = approaches.target_m == place
+        mean, s, runs = [], [], []
+        for way in (UP, DOWN):
+            x = approaches.deviation_m[here & (approaches.direction == way)]
+            mean.append(float(x.mean()) if len(x) else np.nan)
+            s.append(float(x.std(ddof=1)) if len(x) > 1 else np.nan)
+            runs.append(len(x))
+        reversal = mean[0] - mean[1]
+        each = np.array([4.0 * s[0], 4.0 * s[1]])
+        # Of the one direction where there is only one; a direction with a single approach has an unknown scatter.
+        whole = np.append(each, 2.0 * s[0] + 2.0 * s[1] + abs(reversal)) if min(runs) else each[np.array(runs) > 0]
+        return cls(place, mean[0], mean[1], s[0], s[1], reversal, float(np.max(whole)), (runs[0], runs[1]))
+
 
 @dataclass(frozen=True)
 class Positioning:
@@ -106,21 +122,6 @@ class Positioning:
     reversal_m: float | None  # B, the largest
     mean_reversal_m: float | None  # mean of B_i
     not_by_standard: tuple[str, ...]  # what the standard asks for and the test does not have
-
-
-def _target(place: float, approaches: Approaches) -> TargetFigures:
-    here = approaches.target_m == place
-    mean, s, runs = [], [], []
-    for way in (UP, DOWN):
-        x = approaches.deviation_m[here & (approaches.direction == way)]
-        mean.append(float(x.mean()) if len(x) else np.nan)
-        s.append(float(x.std(ddof=1)) if len(x) > 1 else np.nan)
-        runs.append(len(x))
-    reversal = mean[0] - mean[1]
-    each = np.array([4.0 * s[0], 4.0 * s[1]])
-    # Of the one direction where there is only one; a direction with a single approach has a scatter that nobody knows.
-    whole = np.append(each, 2.0 * s[0] + 2.0 * s[1] + abs(reversal)) if min(runs) else each[np.array(runs) > 0]
-    return TargetFigures(place, mean[0], mean[1], s[0], s[1], reversal, float(np.max(whole)), (runs[0], runs[1]))
 
 
 def _column(targets: Sequence[TargetFigures], name: str) -> Float:

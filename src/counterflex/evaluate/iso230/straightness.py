@@ -30,42 +30,42 @@ class Straightness:
     cylinder_m: float  # diameter of the narrowest cylinder that holds the path (ISO 1101)
     cylinder_ls_m: float  # twice the largest distance from the least-squares line in space
 
+    @classmethod
+    def of(cls, p: Float) -> Straightness:
+        """Straightness of points along a line.
 
-def straightness(p: Float) -> Straightness:
-    """Straightness of points along a line.
+        Args:
+            p: (n, 3) m, n >= 3; z is vertical, and x across a path along z.
 
-    Args:
-        p: (n, 3) m, n >= 3; z is vertical, and x across a path along z.
-
-    Raises:
-        InputError: Fewer than three points, or points that are no line.
-    """
-    points = as_float("p", p, (None, 3))
-    if len(points) < 3:
-        raise InputError("a straightness needs three points", value=len(points))
-    centre = points.mean(axis=0)
-    _, s, vt = np.linalg.svd(points - centre, full_matrices=False)
-    if s[0] <= 0.0 or s[1] > 0.2 * s[0]:
-        raise InputError(
-            "the points are no line", value=f"width to length {s[1] / max(s[0], 1e-300):.2g}", limit="< 0.2"
+        Raises:
+            InputError: Fewer than three points, or points that are no line.
+        """
+        points = as_float("p", p, (None, 3))
+        if len(points) < 3:
+            raise InputError("a straightness needs three points", value=len(points))
+        centre = points.mean(axis=0)
+        _, s, vt = np.linalg.svd(points - centre, full_matrices=False)
+        if s[0] <= 0.0 or s[1] > 0.2 * s[0]:
+            raise InputError(
+                "the points are no line", value=f"width to length {s[1] / max(s[0], 1e-300):.2g}", limit="< 0.2"
+            )
+        line = vt[0]
+        top = np.array([0.0, 0.0, 1.0])
+        top = np.array([1.0, 0.0, 0.0]) if abs(float(top @ line)) > 0.9 else top
+        vertical = top - (top @ line) * line
+        vertical /= np.linalg.norm(vertical)
+        side = np.cross(vertical, line)
+        x, h, v = ((points - centre) @ axis for axis in (line, side, vertical))
+        lsq = np.hypot(_rest(x, h), _rest(x, v))
+        return cls(
+            length_m=float(np.ptp(x)),
+            horizontal_m=parallel_lines(x, h),
+            vertical_m=parallel_lines(x, v),
+            horizontal_ls_m=float(np.ptp(_rest(x, h))),
+            vertical_ls_m=float(np.ptp(_rest(x, v))),
+            cylinder_m=narrowest_cylinder(x, np.column_stack([h, v])),
+            cylinder_ls_m=2.0 * float(lsq.max()),
         )
-    line = vt[0]
-    top = np.array([0.0, 0.0, 1.0])
-    top = np.array([1.0, 0.0, 0.0]) if abs(float(top @ line)) > 0.9 else top
-    vertical = top - (top @ line) * line
-    vertical /= np.linalg.norm(vertical)
-    side = np.cross(vertical, line)
-    x, h, v = ((points - centre) @ axis for axis in (line, side, vertical))
-    lsq = np.hypot(_rest(x, h), _rest(x, v))
-    return Straightness(
-        length_m=float(np.ptp(x)),
-        horizontal_m=parallel_lines(x, h),
-        vertical_m=parallel_lines(x, v),
-        horizontal_ls_m=float(np.ptp(_rest(x, h))),
-        vertical_ls_m=float(np.ptp(_rest(x, v))),
-        cylinder_m=narrowest_cylinder(x, np.column_stack([h, v])),
-        cylinder_ls_m=2.0 * float(lsq.max()),
-    )
 
 
 def _rest(x: Float, y: Float) -> Float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -12,8 +13,8 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.evaluate.iso9283 import intervals
-from counterflex.evaluate.iso9283.commanded_path import ZONE, CommandedPath
-from counterflex.evaluate.iso9283.path_cycles import REACH_M, PathCycle
+from counterflex.evaluate.iso9283.intervals import FigureInterval, mean_figure, three_sigma
+from counterflex.evaluate.iso9283.path_cycles import REACH_M, ZONE, CommandedPath, PathCycle
 from counterflex.geometry import rotation
 
 
@@ -98,59 +99,59 @@ class IsoPathFigures:
     by_place_at_m: Float  # (m,) distance of the barycentres
     by_place_rt_m: Float  # (m,) radius of the tube `mean(l) + 3 S`; zero with one cycle
 
+    @classmethod
+    def of(cls, path: CommandedPath, cycles: Sequence[PathCycle], places: Float | None = None) -> IsoPathFigures:
+        """AT and RT of attained paths in planes normal to the commanded one.
 
-def path_figures(path: CommandedPath, cycles: Sequence[PathCycle], places: Float | None = None) -> IsoPathFigures:
-    """AT and RT of attained paths in planes normal to the commanded one.
+        Args:
+            path: As commanded.
+            cycles: Attained paths.
+            places: (m,) m along the path; None takes :meth:`CommandedPath.places`.
 
-    Args:
-        path: As commanded.
-        cycles: Attained paths.
-        places: (m,) m along the path; None takes :meth:`CommandedPath.places`.
+        Raises:
+            InputError: No cycle, or a cycle does not cross a plane: there is a hole in the log.
 
-    Raises:
-        InputError: No cycle, or a cycle does not cross a plane: there is a hole in the log.
-
-    Source: ISO 9283:1998, 8.2 and 8.3 (ten cycles).
-    """
-    if not cycles:
-        raise InputError("no attained path goes along the commanded one")
-    s = path.places() if places is None else places
-    c, t = path.at(s)
-    attained = np.stack([crossings(cycle, s, c, t) for cycle in cycles], axis=1)
-    gap = np.argwhere(np.isnan(attained[..., 0]))
-    if len(gap):
-        place, cycle = gap[0]
-        raise InputError(
-            "an attained path has a hole",
-            where=f"cycle {cycle + 1}, {s[place] / MM:.1f} mm along the path",
-            hint="Readings are missing there: was the beam interrupted?",
+        Source: ISO 9283:1998, 8.2 and 8.3 (ten cycles).
+        """
+        if not cycles:
+            raise InputError("no attained path goes along the commanded one")
+        s = path.places() if places is None else places
+        c, t = path.at(s)
+        attained = np.stack([crossings(cycle, s, c, t) for cycle in cycles], axis=1)
+        gap = np.argwhere(np.isnan(attained[..., 0]))
+        if len(gap):
+            place, cycle = gap[0]
+            raise InputError(
+                "an attained path has a hole",
+                where=f"cycle {cycle + 1}, {s[place] / MM:.1f} mm along the path",
+                hint="Readings are missing there: was the beam interrupted?",
+            )
+        n = len(cycles)
+        centre = attained.mean(axis=1)
+        by_at = np.linalg.norm(centre - c, axis=1)
+        i = int(np.argmax(by_at))
+        scatter = np.cov(attained[i].T) / n if n > 1 else np.zeros((3, 3))
+        away = np.linalg.norm(attained - centre[:, None], axis=2)
+        by_rt = away.mean(axis=1) + 3.0 * away.std(axis=1, ddof=1) if n > 1 else np.zeros(len(s))
+        turned = _turned(path, cycles, s)
+        angles = () if turned is None else tuple(np.moveaxis(turned, 2, 0))
+        return cls(
+            length_m=s,
+            command=c,
+            direction=t,
+            p_attained=attained,
+            turned_rad=turned,
+            at_p=intervals.length_figure(centre[i] - c[i], scatter, n),
+            rt_p=intervals.largest_repeatability(attained) if n > 1 else None,
+            at_abc=tuple(_size(intervals.mean_figure(a[int(np.argmax(np.abs(a.mean(axis=1))))])) for a in angles),
+            rt_abc=tuple(max((intervals.three_sigma(row) for row in a), key=lambda f: f.value) for a in angles)
+            if n > 1
+            else (),
+            at_place=i,
+            rt_place=int(np.argmax(by_rt)) if n > 1 else None,
+            by_place_at_m=by_at,
+            by_place_rt_m=by_rt,
         )
-    n = len(cycles)
-    centre = attained.mean(axis=1)
-    by_at = np.linalg.norm(centre - c, axis=1)
-    i = int(np.argmax(by_at))
-    scatter = np.cov(attained[i].T) / n if n > 1 else np.zeros((3, 3))
-    away = np.linalg.norm(attained - centre[:, None], axis=2)
-    by_rt = away.mean(axis=1) + 3.0 * away.std(axis=1, ddof=1) if n > 1 else np.zeros(len(s))
-    turned = _turned(path, cycles, s)
-    angles = () if turned is None else tuple(np.moveaxis(turned, 2, 0))
-    return IsoPathFigures(
-        length_m=s,
-        command=c,
-        direction=t,
-        p_attained=attained,
-        turned_rad=turned,
-        at_p=intervals.length_figure(centre[i] - c[i], scatter, n),
-        rt_p=intervals.largest_repeatability(attained) if n > 1 else None,
-        at_abc=tuple(_size(intervals.mean_figure(a[int(np.argmax(np.abs(a.mean(axis=1))))])) for a in angles),
-        rt_abc=tuple(max((intervals.three_sigma(row) for row in a), key=lambda f: f.value) for a in angles)
-        if n > 1
-        else (),
-        at_place=i,
-        rt_place=int(np.argmax(by_rt)) if n > 1 else None,
-        by_place_at_m=by_at,
-        by_place_rt_m=by_rt,
-    )
 
 
 def crossings(cycle: PathCycle, s: Float, p_plane: Float, normal: Float) -> Float:
@@ -201,3 +202,73 @@ def _size(figure: intervals.FigureInterval) -> intervals.FigureInterval:
     if figure.value >= 0.0 or figure.low is None or figure.high is None:
         return intervals.FigureInterval(abs(figure.value), figure.low, figure.high, figure.count)
     return intervals.FigureInterval(-figure.value, -figure.high, -figure.low, figure.count)
+
+
+MIDDLE: Final = 0.5
+"""Share of each stretch that velocities are taken from, its middle."""
+WINDOW_S: Final = 0.1
+"""Time over which a velocity is the slope of a straight line through the readings."""
+_PLACES: Final = 50
+
+
+@dataclass(frozen=True, eq=False)
+class PathVelocity:
+    """Velocity figures."""
+
+    commanded_m_s: float  # commanded velocity
+    av: FigureInterval  # `AV = mean(v) - v_c`, m/s; the standard gives it in % of `v_c`
+    rv: FigureInterval | None  # `RV = 3 S_v` of the cycles' means, m/s; None with one cycle
+    fv_m_s: float  # `FV = max_j (max_i v_ij - min_i v_ij)`, m/s
+    mean_m_s: Float  # (n,) mean of each cycle
+    length_m: Float  # (m,) places
+    v: Float
+    noise_m_s: float  # standard deviation of one velocity that the noise of the readings alone gives
+
+    @classmethod
+    def of(cls, path: CommandedPath, cycles: Sequence[PathCycle], window_s: float = WINDOW_S) -> PathVelocity:
+        """AV, RV and FV over the middle half of each stretch.
+
+        A velocity is the slope of the progress along the commanded direction against time, by least squares over
+        ``window_s``. The noise of a velocity is estimated from what those straight lines leave.
+
+        Raises:
+            InputError: The path has no commanded velocity, or a log no times.
+
+        Source: ISO 9283:1998, 8.6.
+        """
+        vc = path.speed_m_s
+        if vc is None or any(cycle.time_s is None for cycle in cycles):
+            raise InputError("velocities need a commanded velocity and times")
+        s = path.places(MIDDLE, _PLACES)
+        c, t = path.at(s)
+        v, left = np.full((len(cycles), len(s)), np.nan), []
+        for j, cycle in enumerate(cycles):
+            assert cycle.time_s is not None
+            for i in range(len(s)):
+                k, _ = crossing_steps(cycle, s[i], c[i], t[i])
+                if len(k) == 0:
+                    continue
+                at = float(np.mean(cycle.time_s[k]))
+                a, b = np.searchsorted(cycle.time_s, [at - 0.5 * window_s, at + 0.5 * window_s])
+                a, b = min(int(a), int(k[0])), max(int(b), int(k[-1]) + 2)
+                time, along = cycle.time_s[a:b] - at, (cycle.p[a:b] - c[i]) @ t[i]
+                time0 = time - time.mean()
+                sum2 = float(time0 @ time0)
+                v[j, i] = float(time0 @ along) / sum2
+                if b - a > 2:
+                    rest = along - along.mean() - v[j, i] * time0
+                    left.append(math.sqrt(float(rest @ rest) / (b - a - 2) / sum2))
+        if np.isnan(v).any():
+            raise InputError("an attained path has a hole where its velocity is measured")
+        mean = v.mean(axis=1)
+        error = mean_figure(mean - vc)
+        return cls(
+            commanded_m_s=vc,
+            av=error,
+            rv=three_sigma(mean) if len(mean) > 1 else None,
+            fv_m_s=float((v.max(axis=1) - v.min(axis=1)).max()),
+            mean_m_s=mean,
+            length_m=s,
+            v=v,
+            noise_m_s=float(np.median(left)) if left else 0.0,
+        )

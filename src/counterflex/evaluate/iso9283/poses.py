@@ -62,27 +62,28 @@ class PoseFigures:
     rp: intervals.FigureInterval | None  # positioning repeatability `RP_l = mean(l) + 3 S_l`, m; None with one cycle
     rp_abc: tuple[intervals.FigureInterval, ...]  # orientation repeatability `3 S`, rad
 
+    @classmethod
+    def of(cls, cycles: PoseCycles) -> PoseFigures:
+        """AP and RP of one pose.
 
-def pose_figures(cycles: PoseCycles) -> PoseFigures:
-    """AP and RP of one pose.
+        ``AP_P = sqrt((x - xc)^2 + (y - yc)^2 + (z - zc)^2)`` of the barycentre of the attained positions;
+        ``RP_l = mean(l) + 3 S_l`` with ``l`` the distances from the barycentre and ``S_l`` with n - 1; ``RP_a = 3
+        S_a``.
 
-    ``AP_P = sqrt((x - xc)^2 + (y - yc)^2 + (z - zc)^2)`` of the barycentre of the attained positions;
-    ``RP_l = mean(l) + 3 S_l`` with ``l`` the distances from the barycentre and ``S_l`` with n - 1; ``RP_a = 3 S_a``.
-
-    Source: ISO 9283:1998, 7.2.1 and 7.2.2.
-    """
-    n = len(cycles.p)
-    d = cycles.p - cycles.command[:3, 3]
-    scatter = np.cov(d.T) / n if n > 1 else np.zeros((3, 3))
-    turned = cycles.turned
-    angles = () if turned is None else tuple(turned.T)
-    return PoseFigures(
-        ap=intervals.length_figure(d.mean(axis=0), scatter, n),
-        ap_xyz=tuple(intervals.mean_figure(x) for x in d.T),
-        ap_abc=tuple(intervals.mean_figure(x) for x in angles),
-        rp=intervals.largest_repeatability(cycles.p[None]) if n > 1 else None,
-        rp_abc=tuple(intervals.three_sigma(x) for x in angles) if n > 1 else (),
-    )
+        Source: ISO 9283:1998, 7.2.1 and 7.2.2.
+        """
+        n = len(cycles.p)
+        d = cycles.p - cycles.command[:3, 3]
+        scatter = np.cov(d.T) / n if n > 1 else np.zeros((3, 3))
+        turned = cycles.turned
+        angles = () if turned is None else tuple(turned.T)
+        return cls(
+            ap=intervals.length_figure(d.mean(axis=0), scatter, n),
+            ap_xyz=tuple(intervals.mean_figure(x) for x in d.T),
+            ap_abc=tuple(intervals.mean_figure(x) for x in angles),
+            rp=intervals.largest_repeatability(cycles.p[None]) if n > 1 else None,
+            rp_abc=tuple(intervals.three_sigma(x) for x in angles) if n > 1 else (),
+        )
 
 
 def _difference(one: Float, other: Float) -> intervals.FigureInterval:
@@ -131,32 +132,34 @@ class DistanceFigures:
     ad_xyz: tuple[intervals.FigureInterval, ...]  # components `mean |x1 - x2| - |x1c - x2c|`, m
     rd_xyz: tuple[intervals.FigureInterval, ...]  # their `3 S`, m
 
+    @classmethod
+    def of(cls, one: PoseCycles, other: PoseCycles) -> DistanceFigures:
+        """AD and RD between two poses, cycle by cycle.
 
-def distance_figures(one: PoseCycles, other: PoseCycles) -> DistanceFigures:
-    """AD and RD between two poses, cycle by cycle.
+        ``D_j = |P_1j - P_2j|``, ``AD_P = mean(D) - D_c``, ``RD = 3 S_D``; by axis with ``D_xj = |x_1j - x_2j|``.
 
-    ``D_j = |P_1j - P_2j|``, ``AD_P = mean(D) - D_c``, ``RD = 3 S_D``; by axis with ``D_xj = |x_1j - x_2j|``.
+        Raises:
+            InputError: The poses were attained a different number of times.
 
-    Raises:
-        InputError: The poses were attained a different number of times.
-
-    Source: ISO 9283:1998, 7.3.2 and 7.3.3.
-    """
-    if len(one.p) != len(other.p):
-        raise InputError("the two poses of a distance have other numbers of cycles", value=(len(one.p), len(other.p)))
-    difference = one.p - other.p
-    commanded = one.command[:3, 3] - other.command[:3, 3]
-    size = float(np.linalg.norm(commanded))
-    d = np.linalg.norm(difference, axis=1) - size
-    by_axis = (np.abs(difference) - np.abs(commanded)).T
-    repeated = len(d) > 1
-    return DistanceFigures(
-        commanded_m=size,
-        ad=intervals.mean_figure(d),
-        rd=intervals.three_sigma(d) if repeated else None,
-        ad_xyz=tuple(intervals.mean_figure(x) for x in by_axis),
-        rd_xyz=tuple(intervals.three_sigma(x) for x in by_axis) if repeated else (),
-    )
+        Source: ISO 9283:1998, 7.3.2 and 7.3.3.
+        """
+        if len(one.p) != len(other.p):
+            raise InputError(
+                "the two poses of a distance have other numbers of cycles", value=(len(one.p), len(other.p))
+            )
+        difference = one.p - other.p
+        commanded = one.command[:3, 3] - other.command[:3, 3]
+        size = float(np.linalg.norm(commanded))
+        d = np.linalg.norm(difference, axis=1) - size
+        by_axis = (np.abs(difference) - np.abs(commanded)).T
+        repeated = len(d) > 1
+        return cls(
+            commanded_m=size,
+            ad=intervals.mean_figure(d),
+            rd=intervals.three_sigma(d) if repeated else None,
+            ad_xyz=tuple(intervals.mean_figure(x) for x in by_axis),
+            rd_xyz=tuple(intervals.three_sigma(x) for x in by_axis) if repeated else (),
+        )
 
 
 @dataclass(frozen=True)

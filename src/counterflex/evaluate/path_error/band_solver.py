@@ -83,8 +83,7 @@ def precision(nodes: Nodes, prior: Prior) -> tuple[Float, float]:
     return band, logdet
 
 
-_VALUES = (0, 2)
-"""States of a component whose sum is its value."""
+_VALUES = (0, 2)  # States of a component whose sum is its value
 
 
 @dataclass(frozen=True, eq=False)

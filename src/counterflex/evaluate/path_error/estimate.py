@@ -23,10 +23,8 @@ from counterflex.evaluate.path_error import band_solver
 from counterflex.evaluate.path_error.contacts import Contacts, Nodes
 
 PATCH_M: Final = 2.0 * MM
-_LEAST: Final = 4
-"""Points of a patch from which its mean says something."""
-_FEW: Final = 12
-"""Patches below which nothing is said."""
+_LEAST: Final = 4  # Points of a patch from which its mean says something
+_FEW: Final = 12  # Patches below which nothing is said
 
 
 def variance_inflation(residual_m: Float, sigma_m: Float, points: Float, face: Int) -> float:
@@ -69,11 +67,9 @@ _TIE_M: Final = 4.0 * UM
 which of them decides, and so it is in every standard deviation."""
 _DRAWS: Final = 60
 _SEED: Final = 20
-_FREEDOM: Final = 5.0
-"""Of Student's distribution, by which outliers lose their weight."""
+_FREEDOM: Final = 5.0  # Of Student's distribution, by which outliers lose their weight
 _LEAST_PLACES: Final = 50
-_LEAST_SHARE: Final = 0.5
-"""Places, and share of the machined ones, that the program must have made."""
+_LEAST_SHARE: Final = 0.5  # Places, and share of the machined ones, that the program must have made
 _SIGMA_M: Final = (0.3 * UM, 3.0 * MM)
 
 

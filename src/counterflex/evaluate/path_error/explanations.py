@@ -54,6 +54,46 @@ class Explanation:
     log_evidence: float  # logarithm of the evidence over that of no cause at all
     explained: float  # share of the sum of squares of the deviations
 
+    @classmethod
+    def weighed(
+        cls, observed: Observations, nodes: Nodes, prior: Prior, gathered: Gathered, causes: tuple[ErrorCause, ...]
+    ) -> Explanation:
+        """Evidence and factors of some causes, sizes of the rest at their likeliest."""
+        patterns = np.concatenate([c.pattern for c in causes]) if causes else np.zeros((0, len(nodes), 3))
+        before = np.concatenate([c.sigma for c in causes]) if causes else np.zeros(0)
+        begin, end = patterns[:, observed.node - 1], patterns[:, observed.node]
+        HB = np.sum((begin + observed.share[:, None] * (end - begin)) * observed.normal, axis=2).T * before
+        index, weight = observed.columns()
+        w = 1.0 / observed.variance_m2
+        columns = np.column_stack([observed.y_m, HB])
+        states = WIDTH * len(nodes)
+        right = np.zeros((states, columns.shape[1]))
+        for i in range(index.shape[1]):
+            for j in range(columns.shape[1]):
+                right[:, j] += np.bincount(index[:, i], w * weight[:, i] * columns[:, j], minlength=states)
+        at = partial(_factors, nodes, prior, gathered, columns.T @ (w[:, None] * columns), right)
+        low, high = np.log(0.3 * UM), np.log(3.0 * MM)
+        usual = np.clip(np.log([prior.wide_m, prior.narrow_m]), low, high)
+        best = scipy.optimize.minimize(
+            lambda x: -at(np.clip(x, low, high))[0] + 0.5 * float(np.sum(((x - usual) / np.log(FACTOR)) ** 2)),
+            usual,
+            method="Nelder-Mead",
+            options={"maxfev": _STEPS, "xatol": 0.1},
+        )
+        _, factor, covariance = at(np.clip(best.x, low, high))
+        evidence = -float(best.fun)
+        sigma = np.sqrt(np.diag(covariance))
+        left = observed.y_m - HB @ factor
+        return cls(
+            " + ".join(c.name for c in causes) or NOTHING,
+            tuple(name for c in causes for name in c.factors),
+            factor * before,
+            sigma * before,
+            covariance / np.outer(sigma, sigma),
+            evidence,
+            1.0 - float(np.sum(left**2)) / max(float(np.sum(observed.y_m**2)), 1e-30),
+        )
+
 
 def explanations(
     observed: Observations,
@@ -78,9 +118,9 @@ def explanations(
     gathered = Gathered.of(observed, WIDTH * len(nodes))
     known = {cause.name: cause for cause in causes}
     left = Prior(STRUCTURE * deflection_m, prior.wide_length_m, DRIVES * deflection_m, prior.narrow_length_m)
-    none = _weighed(observed, nodes, left, gathered, ())
+    none = Explanation.weighed(observed, nodes, left, gathered, ())
     tried = [tuple(known[name] for name in names) for names in [*((cause.name,) for cause in causes), *together]]
-    out = [none, *(_weighed(observed, nodes, left, gathered, some) for some in tried)]
+    out = [none, *(Explanation.weighed(observed, nodes, left, gathered, some) for some in tried)]
     base = none.log_evidence
     out = [
         Explanation(e.name, e.factors, e.value, e.sigma, e.correlation, e.log_evidence - base, e.explained) for e in out
@@ -100,43 +140,3 @@ def _factors(
     factor = covariance @ S[1:, 0]
     gain = 0.5 * (float(S[0, 1:] @ factor) - float(np.linalg.slogdet(M)[1]))
     return done.log_evidence + gain, factor, covariance
-
-
-def _weighed(
-    observed: Observations, nodes: Nodes, prior: Prior, gathered: Gathered, causes: tuple[ErrorCause, ...]
-) -> Explanation:
-    """Evidence and factors of some causes, sizes of the rest at their likeliest."""
-    patterns = np.concatenate([c.pattern for c in causes]) if causes else np.zeros((0, len(nodes), 3))
-    before = np.concatenate([c.sigma for c in causes]) if causes else np.zeros(0)
-    begin, end = patterns[:, observed.node - 1], patterns[:, observed.node]
-    HB = np.sum((begin + observed.share[:, None] * (end - begin)) * observed.normal, axis=2).T * before
-    index, weight = observed.columns()
-    w = 1.0 / observed.variance_m2
-    columns = np.column_stack([observed.y_m, HB])
-    states = WIDTH * len(nodes)
-    right = np.zeros((states, columns.shape[1]))
-    for i in range(index.shape[1]):
-        for j in range(columns.shape[1]):
-            right[:, j] += np.bincount(index[:, i], w * weight[:, i] * columns[:, j], minlength=states)
-    at = partial(_factors, nodes, prior, gathered, columns.T @ (w[:, None] * columns), right)
-    low, high = np.log(0.3 * UM), np.log(3.0 * MM)
-    usual = np.clip(np.log([prior.wide_m, prior.narrow_m]), low, high)
-    best = scipy.optimize.minimize(
-        lambda x: -at(np.clip(x, low, high))[0] + 0.5 * float(np.sum(((x - usual) / np.log(FACTOR)) ** 2)),
-        usual,
-        method="Nelder-Mead",
-        options={"maxfev": _STEPS, "xatol": 0.1},
-    )
-    _, factor, covariance = at(np.clip(best.x, low, high))
-    evidence = -float(best.fun)
-    sigma = np.sqrt(np.diag(covariance))
-    left = observed.y_m - HB @ factor
-    return Explanation(
-        " + ".join(c.name for c in causes) or NOTHING,
-        tuple(name for c in causes for name in c.factors),
-        factor * before,
-        sigma * before,
-        covariance / np.outer(sigma, sigma),
-        evidence,
-        1.0 - float(np.sum(left**2)) / max(float(np.sum(observed.y_m**2)), 1e-30),
-    )

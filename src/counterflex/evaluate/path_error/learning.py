@@ -51,8 +51,7 @@ RATE_M_S: Final = 4.0 * MM
 SIZE_M: Final = 8.0 * MM
 """Weak limits of a step: it fades over two seconds, 50 mm at 25 mm/s, where no part shows an error. A lead-in that ends
 sooner turns the axes round before the tool is in the cut."""
-_FEW: Final = 30
-"""Rows below which two parts say nothing about scatter or response."""
+_FEW: Final = 30  # Rows below which two parts say nothing about scatter or response
 SPREAD: Final = 1.5
 """Factor within which the size of what the tool may do besides is known (log-normal): friction differs among robots."""
 RESTLESS: Final = 0.6

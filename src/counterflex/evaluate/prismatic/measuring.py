@@ -9,14 +9,12 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.evaluate.iso230.circularity import circularity
+from counterflex.evaluate.iso230.circular_test import Circularity
 from counterflex.evaluate.measured_values import MeasurablePart, Row, flatness, height_at, values_row
-from counterflex.evaluate.prismatic.finding import PrismaticFeature, WallPair
-from counterflex.evaluate.prismatic.wall_segments import WallSegment
+from counterflex.evaluate.prismatic.finding import PrismaticFeature, WallPair, WallSegment
 from counterflex.evaluate.surface import NominalSurface
 
-_END_M: Final = 1.0 * MM
-"""Strip at both ends of a wall that is left out: corners have a radius."""
+_END_M: Final = 1.0 * MM  # Strip at both ends of a wall that is left out: corners have a radius
 _INSET: Final = 0.5
 """A ray begins at this share of the smallest radius of a tool before the wall, where the tool has been."""
 _SIDES: Final = {(1, 0): "x+", (-1, 0): "x-", (0, 1): "y+", (0, -1): "y-"}
@@ -113,7 +111,7 @@ def _circle(feature: PrismaticFeature, parts: Parts, inset: float) -> list[Row]:
         if known.sum() < 0.5 * len(known):
             continue
         made = wall.points[known, :2] + beyond[known, None] * wall.normals[known]
-        circle = circularity(made, np.array([x, y]), radius)
+        circle = Circularity.of(made, np.array([x, y]), radius)
         diameter[name] = np.array([2.0 * circle.radius_m])
         round_[name] = np.array([circle.g_m])
         centre[name] = np.array([float(np.hypot(*circle.centre_offset_m))])

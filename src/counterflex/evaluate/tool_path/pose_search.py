@@ -34,8 +34,7 @@ UNITS: Final = {"inch": 25.4, "m": 1000.0, "um": 1e-3, "cm": 10.0}
 _COUNT: Final = 60
 _REFINED: Final = 4
 _STEPS: Final = 25
-_TURN_M: Final = 10.0 * MM
-"""A point that runs at a right angle counts as so much further away."""
+_TURN_M: Final = 10.0 * MM  # A point that runs at a right angle counts as so much further away
 _SAME: Final = (5.0 * MM, 3.0 * DEG)
 
 

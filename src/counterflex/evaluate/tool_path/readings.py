@@ -13,8 +13,7 @@ from counterflex.geometry import pose
 
 LEAST: Final = 50
 """Fewer readings are no path."""
-_NORMAL: Final = 0.67449
-"""Median of the magnitude of a standard normal value."""
+_NORMAL: Final = 0.67449  # Median of the magnitude of a standard normal value
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,13 +16,13 @@ from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import remove_path
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.figures import weighted_figures
+from counterflex.evaluate.figures import DeviationFigures
 from counterflex.evaluate.floor_filter import FloorMap
 from counterflex.evaluate.inspection.nominal_part import NominalPart
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
 from counterflex.evaluate.measured_values import height_at
-from counterflex.evaluate.surface import SurfaceDeviation, floor_rise, surface_deviation
+from counterflex.evaluate.surface import SurfaceDeviation, floor_rise
 from counterflex.evaluate.swept_section import SweptSection, swept_section
 from counterflex.evaluate.tool_path.tracked_path import TrackedPath
 from counterflex.path.toolpath import ToolPath
@@ -113,7 +113,7 @@ class SweptPart:
     @cached_property
     def _deviation(self) -> SurfaceDeviation:
         surface = self.part.surface
-        whole = surface_deviation(surface, self.actual, self.p_part_actual, self.joined, self.outline)
+        whole = SurfaceDeviation.of(surface, self.actual, self.p_part_actual, self.joined, self.outline)
         if self._hidden is None:
             return whole
         floor, wall = whole.floor_m.copy(), whole.wall_m.copy()
@@ -128,11 +128,11 @@ class SweptPart:
             whole,
             floor_m=floor,
             wall_m=wall,
-            surface=weighted_figures(
+            surface=DeviationFigures.weighted(
                 np.concatenate([cells, wall[known]]), np.concatenate([area, surface.wall_area_m2[known]])
             ),
-            floor=weighted_figures(cells, area),
-            wall=weighted_figures(wall[known], surface.wall_area_m2[known]),
+            floor=DeviationFigures.weighted(cells, area),
+            wall=DeviationFigures.weighted(wall[known], surface.wall_area_m2[known]),
             wall_lost_m2=float(surface.wall_area_m2[~known].sum()),
         )
 

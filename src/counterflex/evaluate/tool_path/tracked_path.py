@@ -45,16 +45,12 @@ NOISELESS_M: Final = 1.0 * UM
 """Readings with less noise stay as they are."""
 CORNER: Final = np.cos(np.radians(15.0))
 """Cosine of the turn between two stations beyond which a corner lies between them."""
-_LEAST: Final = 6
-"""Shorter runs stay as they are."""
+_LEAST: Final = 6  # Shorter runs stay as they are
 _HOP: Final = 8
-_END: Final = 0.05
-"""Share that the ends of a window have of its middle."""
-_MOST: Final = 400
-"""Stations in a window."""
+_END: Final = 0.05  # Share that the ends of a window have of its middle
+_MOST: Final = 400  # Stations in a window
 _LENGTHS: Final = np.geomspace(0.8, 8.0, 6) * MM
-_SIZES: Final = np.concatenate([[0.0], np.geomspace(0.25, 512.0, 12)])
-"""Standard deviation of f by that of one reading."""
+_SIZES: Final = np.concatenate([[0.0], np.geomspace(0.25, 512.0, 12)])  # Standard deviation of f by that of one reading
 
 
 def pieces(directions: Float, broken: Bool, kind: Int) -> list[tuple[int, int]]:
@@ -147,10 +143,8 @@ def _basis(n: int, spacing: float, length: float) -> tuple[Float, Float]:
     return square @ vectors, np.maximum(power, 0.0)
 
 
-_BEYOND_M: Final = 0.3 * MM
-"""A station further than this before the start or behind the end is not of the program."""
-_SEEN_M: Final = 2.0 * MM
-"""A place of the path with no station nearer along it was not measured."""
+_BEYOND_M: Final = 0.3 * MM  # A station further than this before the start or behind the end is not of the program
+_SEEN_M: Final = 2.0 * MM  # A place of the path with no station nearer along it was not measured
 
 
 @dataclass(frozen=True, eq=False)

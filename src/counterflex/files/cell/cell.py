@@ -34,7 +34,7 @@ from counterflex.files.cell.tables import CellTables, MaterialTable, PartTable, 
 from counterflex.geometry import pose
 from counterflex.plan.process_limits import ProcessLimits
 from counterflex.plan.relative_motion import hand_poses
-from counterflex.programs.language import forms_of
+from counterflex.programs.language import StatementForms
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveErrors
@@ -319,7 +319,7 @@ class Cell:
 
     def machine_functions(self, language: str) -> MachineFunctions:
         """Spindle, coolant and tool change in a robot language, from ``[controller.spindle]`` and ``[[tools]]``."""
-        if forms_of(language).data_key == "tool_data":
+        if StatementForms.of(language).data_key == "tool_data":
             data = {tool.number: f"{tool.tool_data}" for tool in self.tables.tools if tool.tool_data is not None}
         else:
             data = {tool.number: tool.tooldata for tool in self.tables.tools if tool.tooldata is not None}

@@ -17,15 +17,13 @@ from counterflex.files.cell.robot import RobotTable
 from counterflex.plan.elastic_motion import matrices
 from counterflex.plan.lowest_mode import assumed_masses, can_move
 from counterflex.plan.modes import modes
-from counterflex.robot.elasticity.axis_springs import rigid_axes
-from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.chain import ElasticChain, rigid_axes
 from counterflex.robot.model import catalog, class_prior
 from counterflex.robot.model.class_prior import AXES, ClassPrior, DrivePrior, arm_over_axis
 from counterflex.robot.model.description import Play, Robot
 
 _ABOUT_Z = 5
-_POSTURES = 32
-"""Within the joint limits; loop gains are set once for all postures. With 256 the gains differ by 3 %."""
+_POSTURES = 32  # Within the joint limits; loop gains are set once for all postures. With 256 the gains differ by 3 %.
 _TURNS = ("rx_urad_per_knm", "ry_urad_per_knm", "rz_urad_per_knm")
 
 

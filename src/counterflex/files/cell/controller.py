@@ -41,8 +41,7 @@ def _line(text: str) -> str:
 Statement = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_line)]
 Statements = Annotated[tuple[Statement, ...], Field(max_length=20)]
 Condition = Annotated[str, Field(max_length=200), AfterValidator(_line)]
-_SIGNS: Final = {";": "a semicolon"}
-"""Names of the ends of statements, for messages."""
+_SIGNS: Final = {";": "a semicolon"}  # Names of the ends of statements, for messages
 
 
 class StatementsTable(Table):

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 from pydantic import Field, field_validator
 
 from counterflex.core.units import DEG, MM, MS, PERCENT, UM, URAD
-from counterflex.files.cell.timing import TimingTable
 from counterflex.files.schema import Table
 from counterflex.runtime.axis_gains import AXES, AxisGains
 from counterflex.runtime.design.tracker_plant import TrackerPlant
@@ -32,6 +31,43 @@ from counterflex.signals.limiter import MotionLimit
 
 if TYPE_CHECKING:
     from counterflex.runtime.sensing.pair_wrench import PairTuning
+
+
+Times = tuple[Annotated[float, Field(ge=-1e4, le=1e4)], ...]
+"""ms: one number, or one for each axis."""
+Late = Annotated[float, Field(ge=0.0, le=1e4)]
+
+
+class ChannelTimingTable(Table):
+    """Dead time and lag of one channel against another, and its clock.
+
+    A channel shows at the stamp t what was ``dead_time_ms`` before, behind a lag. Where another clock stamped it, the
+    difference of the clocks and the dead time cannot be told apart; their sum is ``clock_offset_ms``.
+    """
+
+    against: str = ""
+    dead_time_ms: Times = ()
+    dead_time_sigma_ms: Times = ()
+    lag_ms: Late = 0.0
+    lag_sigma_ms: Late = 0.0
+    lag_damping: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    clock_offset_ms: float | None = None
+    clock_offset_sigma_ms: Late = 0.0
+    clock_drift_ppm: float = 0.0
+    clock_drift_sigma_ppm: Late = 0.0
+    bandwidth_hz: Late = 0.0
+    source: str = ""
+
+
+class TimingTable(Table):
+    """Timing of all channels of a cell."""
+
+    link_encoder: ChannelTimingTable = ChannelTimingTable()
+    drive: ChannelTimingTable = ChannelTimingTable()
+    feedback: ChannelTimingTable = ChannelTimingTable()
+    tracker: ChannelTimingTable = ChannelTimingTable()
+    force: ChannelTimingTable = ChannelTimingTable()
+    correction: ChannelTimingTable = ChannelTimingTable()
 
 
 Force: TypeAlias = Annotated[float, Field(gt=0.0, le=1e5)]

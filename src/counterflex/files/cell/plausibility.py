@@ -51,35 +51,33 @@ class Window:
     high: float
     most: float
 
-
-def _window(low: float, high: float, least: float | None = None, most: float | None = None) -> Window:
-    """Told outside of low to high; refused outside of least to most, by default the same."""
-    return Window(low if least is None else least, low, high, high if most is None else most)
+    @classmethod
+    def of(cls, low: float, high: float, least: float | None = None, most: float | None = None) -> Window:
+        """Told outside of low to high; refused outside of least to most, by default the same."""
+        return cls(low if least is None else least, low, high, high if most is None else most)
 
 
 _ANY = 0.0
-_ROUNDED: Final = 1e-8
-"""Digits that an identified value keeps in the file."""
+_ROUNDED: Final = 1e-8  # Digits that an identified value keeps in the file
 _AMONG: Final = "the other rotational compliances of this element are far from it; is it in another unit?"
-_PLACE = _window(0.5, 1000.0, _ANY, 5000.0)
-_TURNED = _window(1e-3, 360.0, _ANY, 720.0)
-"""An angle that is meant to be zero is measured to be anything."""
-_ELEMENT = _window(1.0, 2e4, _ANY, 1e6)
-_TURNING = _window(10.0, 15e3, _ANY, 1e6)  # published elements of milling robots: 83 to 14925 (Haehn2020)
-_FRICTION = _window(0.5, 500.0, 0.2, 1000.0)
-_SLIP = _window(1.0, 500.0)
-_MASS = _window(0.1, 500.0, 0.02, 2000.0)
-_SHARE = _window(0.01, 1.5, 0.005, 3.0)
+_PLACE = Window.of(0.5, 1000.0, _ANY, 5000.0)
+_TURNED = Window.of(1e-3, 360.0, _ANY, 720.0)  # An angle that is meant to be zero is measured to be anything
+_ELEMENT = Window.of(1.0, 2e4, _ANY, 1e6)
+_TURNING = Window.of(10.0, 15e3, _ANY, 1e6)  # published elements of milling robots: 83 to 14925 (Haehn2020)
+_FRICTION = Window.of(0.5, 500.0, 0.2, 1000.0)
+_SLIP = Window.of(1.0, 500.0)
+_MASS = Window.of(0.1, 500.0, 0.02, 2000.0)
+_SHARE = Window.of(0.01, 1.5, 0.005, 3.0)
 
 _SWAPPED: Final = tuple(f"{table}.{key}_mm" for table in ("tcp", "part") for key in "xyz")
 
 WINDOWS: Final[dict[str, Window]] = {
-    "play.dead_band_half_urad": _window(0.5, 1000.0, 0.1, 1100.0),
+    "play.dead_band_half_urad": Window.of(0.5, 1000.0, 0.1, 1100.0),
     "play.friction_nm": _FRICTION,
     "play.slip_urad": _SLIP,
-    "servo.speed_gain_nm_s": _window(200.0, 270e3, 20.0, 5e6),
-    "servo.position_gain_per_s": _window(1.0, 200.0),
-    "servo.integral_time_ms": _window(1.0, 2000.0),
+    "servo.speed_gain_nm_s": Window.of(200.0, 270e3, 20.0, 5e6),
+    "servo.position_gain_per_s": Window.of(1.0, 200.0),
+    "servo.integral_time_ms": Window.of(1.0, 2000.0),
     "servo.friction_nm": _FRICTION,
     "servo.slip_urad": _SLIP,
     "end_effector.x_mm": _PLACE,
@@ -98,67 +96,67 @@ WINDOWS: Final[dict[str, Window]] = {
     "end_effector.rx_urad_per_knm": _TURNING,
     "end_effector.ry_urad_per_knm": _TURNING,
     "end_effector.rz_urad_per_knm": _TURNING,
-    "elastic.mass_kg": _window(0.1, 2000.0, 0.02, 5000.0),
+    "elastic.mass_kg": Window.of(0.1, 2000.0, 0.02, 5000.0),
     "tcp.x_mm": _PLACE,
     "tcp.y_mm": _PLACE,
     "tcp.z_mm": _PLACE,
     "tcp.a_deg": _TURNED,
     "tcp.b_deg": _TURNED,
     "tcp.c_deg": _TURNED,
-    "part.x_mm": _window(2.0, 4000.0, _ANY, 10e3),
-    "part.y_mm": _window(2.0, 4000.0, _ANY, 10e3),
-    "part.z_mm": _window(2.0, 4000.0, _ANY, 10e3),
+    "part.x_mm": Window.of(2.0, 4000.0, _ANY, 10e3),
+    "part.y_mm": Window.of(2.0, 4000.0, _ANY, 10e3),
+    "part.z_mm": Window.of(2.0, 4000.0, _ANY, 10e3),
     "part.a_deg": _TURNED,
     "part.b_deg": _TURNED,
     "part.c_deg": _TURNED,
-    "part.datum_points_mm": _window(0.5, 2000.0, _ANY, 10e3),
-    "stock.box_min_mm": _window(0.5, 2000.0, _ANY, 10e3),
-    "stock.box_max_mm": _window(0.5, 2000.0, _ANY, 10e3),
-    "tools.diameter_mm": _window(0.3, 200.0, 0.1, 400.0),
-    "tools.corner_radius_mm": _window(0.02, 100.0, 0.002, 200.0),
-    "tools.flute_length_mm": _window(0.5, 250.0, 0.1, 500.0),
-    "tools.helix_deg": _window(1.0, 60.0, _ANY, 80.0),
-    "tools.spindle_rpm": _window(50.0, 80e3, 10.0, 200e3),
-    "tools.runout_um": _window(0.5, 200.0, 0.05, 1000.0),
-    "material.kc11_n_mm2": _window(10.0, 6000.0, 1.0, 20e3),
-    "material.ktc_n_mm2": _window(10.0, 10e3, 1.0, 20e3),
-    "material.krc_n_mm2": _window(1.0, 10e3, 0.1, 20e3),
-    "material.mc": _window(0.02, 0.9, 0.005, 1.0),
-    "material.mr": _window(0.02, 0.9, 0.005, 1.0),
-    "material.ma": _window(0.02, 0.9, 0.005, 1.0),
+    "part.datum_points_mm": Window.of(0.5, 2000.0, _ANY, 10e3),
+    "stock.box_min_mm": Window.of(0.5, 2000.0, _ANY, 10e3),
+    "stock.box_max_mm": Window.of(0.5, 2000.0, _ANY, 10e3),
+    "tools.diameter_mm": Window.of(0.3, 200.0, 0.1, 400.0),
+    "tools.corner_radius_mm": Window.of(0.02, 100.0, 0.002, 200.0),
+    "tools.flute_length_mm": Window.of(0.5, 250.0, 0.1, 500.0),
+    "tools.helix_deg": Window.of(1.0, 60.0, _ANY, 80.0),
+    "tools.spindle_rpm": Window.of(50.0, 80e3, 10.0, 200e3),
+    "tools.runout_um": Window.of(0.5, 200.0, 0.05, 1000.0),
+    "material.kc11_n_mm2": Window.of(10.0, 6000.0, 1.0, 20e3),
+    "material.ktc_n_mm2": Window.of(10.0, 10e3, 1.0, 20e3),
+    "material.krc_n_mm2": Window.of(1.0, 10e3, 0.1, 20e3),
+    "material.mc": Window.of(0.02, 0.9, 0.005, 1.0),
+    "material.mr": Window.of(0.02, 0.9, 0.005, 1.0),
+    "material.ma": Window.of(0.02, 0.9, 0.005, 1.0),
     "material.kr_over_kc": _SHARE,
     "material.ka_over_kc": _SHARE,
     "posture.rotation_about_tool_deg": _TURNED,
-    "controller.cycle_ms": _window(0.25, 100.0),
-    "controller.blending_mm": _window(0.005, 20.0, 0.001, 100.0),
-    "controller.acceleration_mm_s2": _window(20.0, 20e3, 10.0, 50e3),
-    "controller.rapid_mm_s": _window(5.0, 3000.0, 1.0, 10e3),
-    "dynamics.mode_hz": _window(2.0, 100.0, 0.5, 300.0),
-    "dynamics.damping_ratio": _window(0.003, 1.0, 0.001, 2.0),
-    "dynamics.correction_smoothing_ms": _window(0.5, 500.0, 0.1, 1000.0),
-    "dynamics.correction_lead_ms": _window(0.1, 150.0, 0.01, 500.0),
-    "limits.correction_mm": _window(0.05, 20.0, 0.01, 50.0),
-    "limits.correction_deg": _window(0.01, 10.0, 0.002, 20.0),
-    "limits.joint_margin_deg": _window(0.05, 60.0, 0.005, 90.0),
-    "limits.wrist_singularity_deg": _window(0.1, 60.0, 0.01, 90.0),
+    "controller.cycle_ms": Window.of(0.25, 100.0),
+    "controller.blending_mm": Window.of(0.005, 20.0, 0.001, 100.0),
+    "controller.acceleration_mm_s2": Window.of(20.0, 20e3, 10.0, 50e3),
+    "controller.rapid_mm_s": Window.of(5.0, 3000.0, 1.0, 10e3),
+    "dynamics.mode_hz": Window.of(2.0, 100.0, 0.5, 300.0),
+    "dynamics.damping_ratio": Window.of(0.003, 1.0, 0.001, 2.0),
+    "dynamics.correction_smoothing_ms": Window.of(0.5, 500.0, 0.1, 1000.0),
+    "dynamics.correction_lead_ms": Window.of(0.1, 150.0, 0.01, 500.0),
+    "limits.correction_mm": Window.of(0.05, 20.0, 0.01, 50.0),
+    "limits.correction_deg": Window.of(0.01, 10.0, 0.002, 20.0),
+    "limits.joint_margin_deg": Window.of(0.05, 60.0, 0.005, 90.0),
+    "limits.wrist_singularity_deg": Window.of(0.1, 60.0, 0.01, 90.0),
     "sensor.mass_kg": _MASS,
-    "sensor.range_n": _window(20.0, 50e3, 2.0, 500e3),
-    "sensor.range_nm": _window(1.0, 10e3, 0.1, 100e3),
-    "online.correction_mm": _window(0.05, 10.0, 0.01, 50.0),
-    "online.correction_deg": _window(0.01, 5.0, 0.002, 20.0),
-    "online.speed_mm_s": _window(0.5, 500.0, 0.05, 5000.0),
-    "online.acceleration_mm_s2": _window(10.0, 50e3, 1.0, 200e3),
-    "online.ramp_mm_s": _window(0.05, 100.0, 0.01, 1000.0),
-    "online.corner_hz": _window(0.1, 100.0, 0.01, 100.0),
-    "online.natural_hz": _window(0.3, 100.0, 0.1, 500.0),
-    "online.damping": _window(0.05, 3.0, 0.01, 10.0),
-    "online.threshold_n": _window(2.0, 2000.0, 0.2, 20e3),
-    "online.blend_ms": _window(2.0, 2000.0, 1.0, 5000.0),
-    "online.lead_ms": _window(0.5, 500.0, 0.05, 1000.0),
-    "online.dead_ms": _window(0.5, 500.0, 0.05, 1000.0),
-    "online.tracker_step_um": _window(0.5, 1000.0, 0.05, 5000.0),
-    "online.torque_per_current_nm": _window(2.0, 2000.0, 0.05, 1e5),
-    "online.torque_noise_nm": _window(1.0, 1000.0, 0.02, 1e4),
+    "sensor.range_n": Window.of(20.0, 50e3, 2.0, 500e3),
+    "sensor.range_nm": Window.of(1.0, 10e3, 0.1, 100e3),
+    "online.correction_mm": Window.of(0.05, 10.0, 0.01, 50.0),
+    "online.correction_deg": Window.of(0.01, 5.0, 0.002, 20.0),
+    "online.speed_mm_s": Window.of(0.5, 500.0, 0.05, 5000.0),
+    "online.acceleration_mm_s2": Window.of(10.0, 50e3, 1.0, 200e3),
+    "online.ramp_mm_s": Window.of(0.05, 100.0, 0.01, 1000.0),
+    "online.corner_hz": Window.of(0.1, 100.0, 0.01, 100.0),
+    "online.natural_hz": Window.of(0.3, 100.0, 0.1, 500.0),
+    "online.damping": Window.of(0.05, 3.0, 0.01, 10.0),
+    "online.threshold_n": Window.of(2.0, 2000.0, 0.2, 20e3),
+    "online.blend_ms": Window.of(2.0, 2000.0, 1.0, 5000.0),
+    "online.lead_ms": Window.of(0.5, 500.0, 0.05, 1000.0),
+    "online.dead_ms": Window.of(0.5, 500.0, 0.05, 1000.0),
+    "online.tracker_step_um": Window.of(0.5, 1000.0, 0.05, 5000.0),
+    "online.torque_per_current_nm": Window.of(2.0, 2000.0, 0.05, 1e5),
+    "online.torque_noise_nm": Window.of(1.0, 1000.0, 0.02, 1e4),
 }
 """By the table and key, without the numbers of lists."""
 
@@ -175,8 +173,7 @@ _OFFSETS: Final = frozenset(f"end_effector.com_{axis}_mm" for axis in "xyz")
 """Components that are near zero by design, whatever their digits."""
 _TYPED_DECIMALS: Final = 2
 """Decimals of a length that was typed in m: 0.24; a small offset that was measured has more: 0.117."""
-_OWN: Final = "identified"
-"""Beginning of the source of what an identification wrote."""
+_OWN: Final = "identified"  # Beginning of the source of what an identification wrote
 _WRITTEN: Final = re.compile(
     r"com_[xyz]_mm|mass_kg|.*_um_per_kn|.*_urad_per_knm|dead_band_half_urad|friction_nm|slip_urad|speed_gain_nm_s|"
     r"position_gain_per_s|integral_time_ms|k[tra]c.*|kc11_n_mm2|k[ra]_over_kc|m[cra]"

@@ -18,10 +18,8 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.axis_sag import AxisSag
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveError, DriveErrors
-from counterflex.robot.model.compliance_curve import LOADS, ComplianceCurve
 from counterflex.robot.model.controller_axes import MAKERS, Axis3, ControllerAxes, from_geometry, from_signs, maker_of
-from counterflex.robot.model.description import ElasticRegion, Robot
-from counterflex.robot.model.dh import AXES, DhRow, from_dh
+from counterflex.robot.model.description import AXES, LOADS, ComplianceCurve, DhRow, ElasticRegion, Robot
 from counterflex.robot.model.elastic_region import ANGLES, DIRECTIONS
 
 Mass = Annotated[float, Field(ge=0.0, le=5000.0)]
@@ -138,7 +136,7 @@ class DhTable(Table):
             )
             for row in self.axes
         ]
-        return from_dh(name, rows, self.convention)
+        return Robot.from_dh(name, rows, self.convention)
 
 
 MAX_SLIP_ELEMENTS: Final = 3

@@ -20,11 +20,10 @@ from counterflex.files.cell.links import AdsTable, EgmTable
 from counterflex.files.cell.machine import MachineTable, ProcessLimitsTable
 from counterflex.files.cell.measured import IdentifiedTable
 from counterflex.files.cell.monitor import MonitorTable, OverrideTable
-from counterflex.files.cell.online import OnlineTable
+from counterflex.files.cell.online import OnlineTable, TimingTable
 from counterflex.files.cell.planning import DynamicsTable, LimitsTable, PostureTable
 from counterflex.files.cell.robot import AxisSagTable, DriveErrorTable, Mass, RobotTable
 from counterflex.files.cell.sensing import HolderTable, SensorTable, TrackerTable
-from counterflex.files.cell.timing import TimingTable
 from counterflex.files.schema import ComplianceTable, Length, PoseTable, Table, Versioned
 from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.programs.limits import RESERVED

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import tomlkit
 
-from counterflex.core import atomic, file_lock
+from counterflex.core import atomic, held
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError, ModelError
 from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
@@ -30,7 +30,7 @@ from counterflex.identify.data.changes import (
     ElementRegion,
     TableValues,
 )
-from counterflex.robot.model.compliance_curve import ComplianceCurve
+from counterflex.robot.model.description import ComplianceCurve
 from counterflex.robot.model.elastic_region import DIRECTIONS
 
 DIGITS: Final = 9
@@ -107,7 +107,7 @@ def new_cell(target: Path) -> Iterator[Path]:
     """
     with contextlib.ExitStack() as lock, atomic.atomic_path(target) as place:
         yield place
-        lock.enter_context(file_lock.alone(target))  # until the file has its name
+        lock.enter_context(held.alone(target))  # until the file has its name
         if target.exists():
             raise InputError(
                 "another process has written this file meanwhile", where=str(target), hint="Name another new cell file"

@@ -18,8 +18,7 @@ SI: Final = "https://ptb.de/si"
 DCC: Final = "https://ptb.de/dcc"
 _LEAST_K: Final = 1.0
 _LISTS: Final = "XMLList"
-_READ: Final = ("real", "constant", "realListXMLList", "realList")
-"""Forms of a quantity that are read."""
+_READ: Final = ("real", "constant", "realListXMLList", "realList")  # Forms of a quantity that are read
 _DEEPEST: Final = 32
 _COMMON: Final = ("listUnivariateUnc", "listMeasurementUncertaintyUnivariate")
 _NO_NUMBERS: Final = ("noQuantity", "charsXMLList")

@@ -35,6 +35,78 @@ class InstrumentColumns:
     values: tuple[Float, ...]  # (n,) each; nan where there is no number
     lines: Int  # (n,) lines of the file, or numbers of the rows from 1
 
+    @classmethod
+    def of_lvm(cls, path: Path, data: bytes, part: str | int | None) -> InstrumentColumns:
+        """Segments with the same channels one after the other; the column ``Segment`` counts them from 1."""
+        lines = data.decode("utf-8-sig", "replace").replace("\r\n", "\n").split("\n")
+        head: dict[str, list[str]] = {}
+        separator = "," if any(line.startswith("Separator,") for line in lines[:30]) else "\t"
+        place = _header(lines, 0, separator, head)
+        decimal = (head.get(_DECIMAL) or ["."])[0]
+        segments: list[InstrumentColumns] = []
+        while (start := _next_segment(lines, place)) is not None:
+            segment, place = _segment(path, lines, start, separator, decimal, len(segments) + 1)
+            segments.append(segment)
+        if not segments:
+            raise FileFormatError("the file of LabVIEW has no segment with samples", where=str(path))
+        if part is not None:
+            if not isinstance(part, int) or not 1 <= part <= len(segments):
+                raise FileFormatError(
+                    "there is no such segment", where=f"{path}: part", value=repr(part), limit=f"1..{len(segments)}"
+                )
+            return segments[part - 1]
+        return _joined(segments, path)
+
+    @classmethod
+    def of_tdms(cls, path: Path, data: bytes, part: str | int | None) -> InstrumentColumns:
+        """Read the columns of a TDMS file."""
+        try:
+            from nptdms import TdmsFile
+        except ImportError as fault:
+            raise FileFormatError(
+                "TDMS files are read by the library npTDMS, which is not installed",
+                where=str(path),
+                hint='Install it: pip install "counterflex[formats]"',
+            ) from fault
+        with file_content.readable(path, "a TDMS file"):
+            file = TdmsFile.read(io.BytesIO(data))
+            groups = {group.name: _channels(group) for group in file.groups()}
+        groups = {name: columns for name, columns in groups.items() if columns}
+        if part is not None:
+            if part not in groups:
+                raise FileFormatError(
+                    "there is no such group", where=f"{path}: part", value=repr(part), limit=", ".join(groups) or "none"
+                )
+            groups = {str(part): groups[str(part)]}
+        single = len(groups) == 1
+        columns: dict[str, Float] = {
+            name if single else f"{group}/{name}": value
+            for group, some in groups.items()
+            for name, value in some.items()
+        }
+        return _of_one_length(path, columns, "group")
+
+    @classmethod
+    def of_matlab(cls, path: Path, data: bytes, part: str | int | None) -> InstrumentColumns:
+        """Read the columns of a MATLAB file."""
+        if data.startswith((b"MATLAB 7.3", b"\x89HDF")):
+            raise FileFormatError(
+                "a MATLAB file of version 7.3 is not read", where=str(path), hint="Save it with save(..., '-v7')"
+            )
+        with file_content.readable(path, "a MATLAB file"):
+            file_content.require_small(path, _unpacked_bytes(data))
+            content = scipy.io.loadmat(io.BytesIO(data), simplify_cells=True)
+        columns = _flat({name: value for name, value in content.items() if not name.startswith("__")}, "")
+        if part is not None:
+            chosen = {
+                name: v for name, v in columns.items() if name == part or name.startswith((f"{part}.", f"{part} "))
+            }
+            if not chosen:
+                limit = ", ".join(dict.fromkeys(name.split(".")[0].split(" ")[0] for name in columns))
+                raise FileFormatError("there is no such variable", where=f"{path}: part", value=repr(part), limit=limit)
+            columns = chosen
+        return _of_one_length(path, columns, "variable")
+
 
 def instrument_columns(path: Path, data: bytes, part: str | int | None) -> InstrumentColumns | None:
     """Read a file of an instrument; None where it is none.
@@ -47,34 +119,12 @@ def instrument_columns(path: Path, data: bytes, part: str | int | None) -> Instr
         FileFormatError: It cannot be read, there is no such part, or its parts do not go together.
     """
     if data.lstrip(b"\xef\xbb\xbf").startswith(LVM):
-        return _lvm(path, data, part)
+        return InstrumentColumns.of_lvm(path, data, part)
     if data.startswith(TDMS):
-        return _tdms(path, data, part)
+        return InstrumentColumns.of_tdms(path, data, part)
     if data.startswith(MATLAB) or path.suffix.lower() == ".mat":
-        return _matlab(path, data, part)
+        return InstrumentColumns.of_matlab(path, data, part)
     return None
-
-
-def _lvm(path: Path, data: bytes, part: str | int | None) -> InstrumentColumns:
-    """Segments with the same channels one after the other; the column ``Segment`` counts them from 1."""
-    lines = data.decode("utf-8-sig", "replace").replace("\r\n", "\n").split("\n")
-    head: dict[str, list[str]] = {}
-    separator = "," if any(line.startswith("Separator,") for line in lines[:30]) else "\t"
-    place = _header(lines, 0, separator, head)
-    decimal = (head.get(_DECIMAL) or ["."])[0]
-    segments: list[InstrumentColumns] = []
-    while (start := _next_segment(lines, place)) is not None:
-        segment, place = _segment(path, lines, start, separator, decimal, len(segments) + 1)
-        segments.append(segment)
-    if not segments:
-        raise FileFormatError("the file of LabVIEW has no segment with samples", where=str(path))
-    if part is not None:
-        if not isinstance(part, int) or not 1 <= part <= len(segments):
-            raise FileFormatError(
-                "there is no such segment", where=f"{path}: part", value=repr(part), limit=f"1..{len(segments)}"
-            )
-        return segments[part - 1]
-    return _joined(segments, path)
 
 
 def _joined(segments: Sequence[InstrumentColumns], path: Path) -> InstrumentColumns:
@@ -162,32 +212,6 @@ def _once(names: Sequence[str]) -> list[str]:
     return out
 
 
-def _tdms(path: Path, data: bytes, part: str | int | None) -> InstrumentColumns:
-    try:
-        from nptdms import TdmsFile
-    except ImportError as fault:
-        raise FileFormatError(
-            "TDMS files are read by the library npTDMS, which is not installed",
-            where=str(path),
-            hint='Install it: pip install "counterflex[formats]"',
-        ) from fault
-    with file_content.readable(path, "a TDMS file"):
-        file = TdmsFile.read(io.BytesIO(data))
-        groups = {group.name: _channels(group) for group in file.groups()}
-    groups = {name: columns for name, columns in groups.items() if columns}
-    if part is not None:
-        if part not in groups:
-            raise FileFormatError(
-                "there is no such group", where=f"{path}: part", value=repr(part), limit=", ".join(groups) or "none"
-            )
-        groups = {str(part): groups[str(part)]}
-    single = len(groups) == 1
-    columns: dict[str, Float] = {
-        name if single else f"{group}/{name}": value for group, some in groups.items() for name, value in some.items()
-    }
-    return _of_one_length(path, columns, "group")
-
-
 def _channels(group: Any) -> dict[str, Float]:
     """Numbers of the channels of a group; their times as ``time_s`` where they are stated."""
     out: dict[str, Float] = {}
@@ -201,25 +225,6 @@ def _channels(group: Any) -> dict[str, Float]:
             start = float(channel.properties.get("wf_start_offset", 0.0))
             out["time_s"] = np.asarray(start + float(step) * np.arange(len(values)), np.float64)
     return out
-
-
-def _matlab(path: Path, data: bytes, part: str | int | None) -> InstrumentColumns:
-
-    if data.startswith((b"MATLAB 7.3", b"\x89HDF")):
-        raise FileFormatError(
-            "a MATLAB file of version 7.3 is not read", where=str(path), hint="Save it with save(..., '-v7')"
-        )
-    with file_content.readable(path, "a MATLAB file"):
-        file_content.require_small(path, _unpacked_bytes(data))
-        content = scipy.io.loadmat(io.BytesIO(data), simplify_cells=True)
-    columns = _flat({name: value for name, value in content.items() if not name.startswith("__")}, "")
-    if part is not None:
-        chosen = {name: v for name, v in columns.items() if name == part or name.startswith((f"{part}.", f"{part} "))}
-        if not chosen:
-            limit = ", ".join(dict.fromkeys(name.split(".")[0].split(" ")[0] for name in columns))
-            raise FileFormatError("there is no such variable", where=f"{path}: part", value=repr(part), limit=limit)
-        columns = chosen
-    return _of_one_length(path, columns, "variable")
 
 
 def _unpacked_bytes(data: bytes) -> int:

@@ -28,8 +28,7 @@ _MISSING: Final = frozenset({"", "nan", "#n/a", "n/a", "na", "#nv", "null", "non
 """Cells that hold no number, as spreadsheets and instruments write them."""
 _SPACES: Final = str.maketrans({"\u00a0": " ", "\u202f": " ", "\u2009": " ", "\u2212": "-"})
 _BOMS: Final = ((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"), (b"\xef\xbb\xbf", "utf-8-sig"))
-_WORKBOOKS: Final = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
-"""First bytes of .xlsx and .ods, and of .xls."""
+_WORKBOOKS: Final = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")  # First bytes of .xlsx and .ods, and of .xls
 _MARK_NAMES: Final = {"\t": "tab"}
 Reference = str | int
 """A column: text of its header, or its number from 1."""

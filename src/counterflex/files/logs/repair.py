@@ -17,8 +17,8 @@ from counterflex.core.held import boot_id, own
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.evaluate.run_digest import DigestMaker
 from counterflex.files.logs import segment as form
-from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.run_log import BOOT_KEY
+from counterflex.files.logs.segment import require_all
 from counterflex.files.logs.segments import LogSegment, read_segment
 from counterflex.runtime.record_ring import CYCLE
 

@@ -18,15 +18,14 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.run_digest import Digest, read_digest
 from counterflex.files.logs import segment as form
-from counterflex.files.logs.columns import columns_of, placed, require_all
 from counterflex.files.logs.mcap_salvage import MAGIC, Chunk, Salvaged, message, parsed, salvage, uniform_data
 from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
+from counterflex.files.logs.segment import columns_of, placed, require_all
 from counterflex.runtime.record_ring import COLUMNS, CYCLE
 from counterflex.runtime.state_slots import LoopState
 
 _HEAD: Final = struct.Struct("<BQ")
-_TAIL: Final = _HEAD.size + 20 + len(MAGIC)
-"""Footer, and the magic at the end."""
+_TAIL: Final = _HEAD.size + 20 + len(MAGIC)  # Footer, and the magic at the end
 _MOST_BYTES: Final = 16 << 20
 
 

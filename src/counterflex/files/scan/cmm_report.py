@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.errors import FileFormatError
-from counterflex.files.scan.cells import MISSING, Decimals, split
+from counterflex.files.scan.number_lines import MISSING, Decimals, split
 from counterflex.files.scan.scan import UNITS, PointStore, Scan
 
 _AXES: Final = ("x", "y", "z")
@@ -36,6 +36,24 @@ class RowsOfAxes:
     axis: int
     value: int
     label: int | None  # Column of the name of the point, or None
+
+    @classmethod
+    def of(cls, rows: list[list[str]], axis: int, separator: str | None, where: str) -> RowsOfAxes:
+        """Find the columns of the report by its header."""
+        first = next(k for k, row in enumerate(rows) if len(row) > axis and row[axis].lower() in _AXES)
+        label = axis - 1 if axis > 0 else None
+        decimals = Decimals.of([cell for row in rows[first : first + 60] for cell in row])
+        numeric = [k for k in range(axis + 1, len(rows[first])) if decimals.number(rows[first][k]) is not None]
+        named = [[k for k, cell in enumerate(row) if _MEASURED.search(cell.lower())] for row in reversed(rows[:first])]
+        for columns in (*named, numeric):
+            if len(columns) == 1 and columns[0] in numeric:
+                return cls(separator, axis, columns[0], label)
+        raise FileFormatError(
+            "the report has one row for each axis, and its header does not say which value was measured",
+            where=where,
+            value=", ".join(rows[max(first - 1, 0)])[:60],
+            limit="one column named Actual, Measured or Meas",
+        )
 
 
 @dataclass
@@ -75,25 +93,8 @@ def rows_of_axes(lines: list[str], where: str) -> RowsOfAxes | None:
             if all(letters.count(axis) >= 1 for axis in _AXES) and sum(one in _AXES for one in letters) >= 0.3 * len(
                 letters
             ):
-                return _columns(rows, column, separator, where)
+                return RowsOfAxes.of(rows, column, separator, where)
     return None
-
-
-def _columns(rows: list[list[str]], axis: int, separator: str | None, where: str) -> RowsOfAxes:
-    first = next(k for k, row in enumerate(rows) if len(row) > axis and row[axis].lower() in _AXES)
-    label = axis - 1 if axis > 0 else None
-    decimals = Decimals.of([cell for row in rows[first : first + 60] for cell in row])
-    numeric = [k for k in range(axis + 1, len(rows[first])) if decimals.number(rows[first][k]) is not None]
-    named = [[k for k, cell in enumerate(row) if _MEASURED.search(cell.lower())] for row in reversed(rows[:first])]
-    for columns in (*named, numeric):
-        if len(columns) == 1 and columns[0] in numeric:
-            return RowsOfAxes(separator, axis, columns[0], label)
-    raise FileFormatError(
-        "the report has one row for each axis, and its header does not say which value was measured",
-        where=where,
-        value=", ".join(rows[max(first - 1, 0)])[:60],
-        limit="one column named Actual, Measured or Meas",
-    )
 
 
 def read_rows_of_axes(path: Path, lines: Iterable[str], layout: RowsOfAxes) -> Scan:

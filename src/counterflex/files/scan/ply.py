@@ -41,15 +41,15 @@ class PlyHeader:
     lines: int
     plain: bool = True  # The vertices come first and have single numbers only; others are read by the library
 
+    @classmethod
+    def read(cls, path: Path) -> PlyHeader:
+        """Read the header of a PLY file.
 
-def read_header(path: Path) -> PlyHeader:
-    """Read the header of a PLY file.
-
-    Raises:
-        FileFormatError: It is no header, its vertices have no x, y, z, or a count is no number.
-    """
-    with path.open("rb") as stream:
-        return _header(stream, path)
+        Raises:
+            FileFormatError: It is no header, its vertices have no x, y, z, or a count is no number.
+        """
+        with path.open("rb") as stream:
+            return _header(stream, path)
 
 
 def _header(stream: BinaryIO, path: Path) -> PlyHeader:

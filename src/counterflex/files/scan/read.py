@@ -12,10 +12,10 @@ import numpy as np
 from counterflex.core import file_content
 from counterflex.core.arrays import Float, batches
 from counterflex.core.errors import FileFormatError
-from counterflex.core.file_kind import of_bytes
+from counterflex.core.file_content import of_bytes
 from counterflex.files.scan.by_library import library_format
 from counterflex.files.scan.number_lines import SPACES, numbers, text_stream, utf16
-from counterflex.files.scan.ply import read_header, vertex_blocks
+from counterflex.files.scan.ply import PlyHeader, vertex_blocks
 from counterflex.files.scan.qif import read_qif
 from counterflex.files.scan.scan import UNITS, PointStore, Scan
 from counterflex.files.scan.table import read_table
@@ -328,7 +328,7 @@ def _read(path: Path, head: bytes) -> Scan:
 
 
 def _read_ply(path: Path) -> Scan:
-    header = read_header(path)
+    header = PlyHeader.read(path)
     if header.faces:
         return read_mesh(path, "ply")
     if not header.plain:

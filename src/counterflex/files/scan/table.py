@@ -13,9 +13,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.files.scan.cells import MISSING, Decimals, split
 from counterflex.files.scan.cmm_report import gives_axes, read_given_axes, read_rows_of_axes, rows_of_axes
-from counterflex.files.scan.number_lines import line_blocks, numbers, separators, text_stream
+from counterflex.files.scan.number_lines import MISSING, Decimals, line_blocks, numbers, separators, split, text_stream
 from counterflex.files.scan.scan import UNITS, PointStore, Scan
 
 _HEAD: Final = 1 << 16
@@ -28,8 +27,7 @@ _AXIS: Final = re.compile(r"(?:pos|coord|p|pt|point)?([xyz])(?:\d|pos|coord|coor
 _UNIT_WORDS: Final = {"in": "inch", "inches": "inch", "inch": "inch", **{name: name for name in UNITS}}
 _CELLS: Final = re.compile(rb'"|[,;\t|][ ]*[,;\t|\n]|[nN]/[aA]|null|none|(?<![\w.])-+(?![\d.])')
 """What makes a block be read cell by cell: quotes, empty cells, words for a missing value."""
-_MARKS: Final = re.compile(rb"(?<![^\s,;|])\*+(?![^\s,;|])")
-"""Points that were not measured, as PolyWorks writes them."""
+_MARKS: Final = re.compile(rb"(?<![^\s,;|])\*+(?![^\s,;|])")  # Points that were not measured, as PolyWorks writes them
 
 
 @dataclass(frozen=True)
@@ -44,6 +42,21 @@ class _Layout:
     plain: bool  # Every field is a number without quotes
     unit: str | None  # Name of the unit in the header, or None
     count: int | None  # Number of rows that the first line announces, or None
+
+    @classmethod
+    def of(cls, lines: list[str], path: Path) -> _Layout:
+        """Find out how the table is laid out."""
+        rows = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
+        first, separator, decimals = _first_row(lines, rows, path)
+        words = split(lines[first], separator)
+        header, count = _above(lines[:first], words, separator)
+        named = None if header is None else _named_columns(header, len(words), separator, decimals, path)
+        numeric = [k for k, word in enumerate(words) if decimals.number(word) is not None]
+        x, y, z = numeric[_counts_up([lines[k] for k in rows if k >= first][:_SAMPLE], separator, numeric) :][:3]
+        xyz, unit = ((x, y, z), None) if named is None else named
+        holds = {*numeric, *(k for k, word in enumerate(words) if word.lower() in MISSING)}
+        plain = '"' not in lines[first] and len(holds) == len(words)
+        return cls(first, len(words), xyz, separator, decimals, plain, unit, count)
 
 
 def read_table(path: Path) -> Scan:
@@ -67,7 +80,7 @@ def read_table(path: Path) -> Scan:
     report = rows_of_axes(lines, str(path))
     if report is not None:
         return read_rows_of_axes(path, _whole(path), report)
-    layout = _layout(lines, path)
+    layout = _Layout.of(lines, path)
     store = PointStore(path, "table of points")
     rows = 0
     for block in _rows(path, layout):
@@ -94,20 +107,6 @@ def _lines(head: bytes, path: Path) -> list[str]:
     if len(head) == _HEAD and len(lines) > 1:
         lines = lines[:-1]  # the last one may be cut off
     return lines
-
-
-def _layout(lines: list[str], path: Path) -> _Layout:
-    rows = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
-    first, separator, decimals = _first_row(lines, rows, path)
-    words = split(lines[first], separator)
-    header, count = _above(lines[:first], words, separator)
-    named = None if header is None else _named_columns(header, len(words), separator, decimals, path)
-    numeric = [k for k, word in enumerate(words) if decimals.number(word) is not None]
-    x, y, z = numeric[_counts_up([lines[k] for k in rows if k >= first][:_SAMPLE], separator, numeric) :][:3]
-    xyz, unit = ((x, y, z), None) if named is None else named
-    holds = {*numeric, *(k for k, word in enumerate(words) if word.lower() in MISSING)}
-    plain = '"' not in lines[first] and len(holds) == len(words)
-    return _Layout(first, len(words), xyz, separator, decimals, plain, unit, count)
 
 
 def _first_row(lines: list[str], rows: list[int], path: Path) -> tuple[int, str | None, Decimals]:

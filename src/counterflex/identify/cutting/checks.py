@@ -17,7 +17,7 @@ import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MINUTE, MM, RPM
-from counterflex.cutting.arc_force import term_force
+from counterflex.cutting.arc_force import TermForce
 from counterflex.identify.cutting.cut_rows import FORCES, cuts_of, has_air, rows_per_turn
 from counterflex.identify.cutting.force_forms import FORMS
 from counterflex.identify.cutting.record import contact, zero
@@ -64,7 +64,7 @@ def _misfit(cell: CellModel, steady: SteadyCuts) -> Misfit:
     basis = np.zeros((len(pieces), 3, 3))
     cuts = SlotResiduals(pieces, steady.cutter, FORMS[0], MM, cell.force_law, len(steady.blanks)).stated()
     for p, *k in cell.force_law.terms():
-        basis += term_force(cuts, float(p)).value * np.array(k)
+        basis += TermForce.of(cuts, float(p)).value * np.array(k)
     weighted, measured = basis / pieces.sigma[:, :, None], pieces.force / pieces.sigma
     seen = np.any(basis != 0.0, axis=(0, 1))
     factor = np.ones(3)

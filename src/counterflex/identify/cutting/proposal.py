@@ -12,7 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import MM, MM_PER_MIN, RPM, UM
-from counterflex.cutting.arc_force import ArcCuts, term_force
+from counterflex.cutting.arc_force import ArcCuts, TermForce
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.considered import expected_sigma
 from counterflex.identify.data.model import CellModel
@@ -275,7 +275,7 @@ def _peak_force(cell: CellModel, cutter: Cutter, moves: list[CutMove]) -> float:
     cuts = arc_cuts(cutter, moves)
     force = np.zeros((len(moves), 3))
     for p, *k in cell.force_law.terms():
-        force += term_force(cuts, float(p)).value @ np.array(k)
+        force += TermForce.of(cuts, float(p)).value @ np.array(k)
     return float(np.max(np.linalg.norm(force, axis=1)))
 
 

@@ -11,7 +11,7 @@ import scipy
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM, N_PER_MM, N_PER_MM2, UM
-from counterflex.cutting.arc_force import ArcCuts, term_force
+from counterflex.cutting.arc_force import ArcCuts, TermForce
 from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw
 from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.cutting import considered
@@ -338,5 +338,5 @@ def _slot_residual(law: ForceLaw, h_mean: Float, block: SlotResiduals) -> Float:
     cuts = ArcCuts(block.cutter, np.full(n, MM), np.zeros(n), np.full(n, np.pi), 0.5 * np.pi * h_mean, np.zeros(n))
     out = np.zeros(n)
     for p, *k in law.terms():
-        out += term_force(cuts, float(p)).value[:, 1] @ np.array(k) / MM
+        out += TermForce.of(cuts, float(p)).value[:, 1] @ np.array(k) / MM
     return out

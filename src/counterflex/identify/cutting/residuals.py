@@ -15,7 +15,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import MM, UM
-from counterflex.cutting.arc_force import ArcCuts, force_thickness, mean_thickness, term_force
+from counterflex.cutting.arc_force import ArcCuts, TermForce, force_thickness, mean_thickness
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.cut_rows import Pieces
@@ -114,7 +114,7 @@ class SlotResiduals:
         shape = self.shape(np.concatenate([np.zeros(LAW + self.blanks), [1.0]]))
         by_depth, by_entry, by_exit = (np.zeros((len(pieces), 3)) for _ in range(3))
         for p, *k in self.law.terms():
-            term = term_force(shape.cuts, float(p))
+            term = TermForce.of(shape.cuts, float(p))
             by_depth += term.by_depth @ np.array(k)
             by_entry += term.by_entry @ np.array(k)
             by_exit += term.by_exit @ np.array(k)
@@ -139,7 +139,7 @@ class SlotResiduals:
         for sinking, sign in ((drop, 1.0), (np.zeros(len(cuts)), -1.0)):
             own = replace(cuts, drop_tooth_m=sinking)
             for p, *k in self.law.terms():
-                out += sign * term_force(own, float(p)).value[:, 2] @ np.array(k)
+                out += sign * TermForce.of(own, float(p)).value[:, 2] @ np.array(k)
         return out
 
     def shape(self, x: Float) -> ForceShape:
@@ -202,7 +202,7 @@ class SlotResiduals:
         force, J = np.zeros((n, 3)), np.zeros((n, 3, len(x)))
         geometry = slice(LAW, LAW + self.blanks + 1)
         logarithm = float(np.log(self.h_ref_m))
-        term = cache(partial(term_force, shape.cuts))  # several directions share an exponent, all share that of edges
+        term = cache(partial(TermForce.of, shape.cuts))  # several directions share an exponent, all share that of edges
         for i in range(3):
             place = self.form.exponent_of[i]
             m, k = float(x[place]), float(x[i])

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from counterflex.core.arrays import Float
 from counterflex.cutting.coefficients import ForceLaw
-from counterflex.robot.model.compliance_curve import ComplianceCurve
-from counterflex.robot.model.description import ElasticRegion, Play, Servo
+from counterflex.robot.model.description import ComplianceCurve, ElasticRegion, Play, Servo
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.geometry import pose, rotation
-from counterflex.geometry.rotation_derivative import left_jacobian
+from counterflex.geometry.rotation import left_jacobian
 from counterflex.identify.geometry.pose_residuals import NO_PARAMETERS, components
 from counterflex.robot.elasticity.axis_sag import turned_axis
 from counterflex.robot.elasticity.chain import ElasticChain

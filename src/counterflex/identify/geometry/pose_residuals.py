@@ -14,7 +14,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import MM, MRAD
 from counterflex.geometry import pose, rotation
-from counterflex.geometry.rotation_derivative import inverse_left_jacobian, left_jacobian
+from counterflex.geometry.rotation import inverse_left_jacobian, left_jacobian
 from counterflex.identify.solver.parameters import Parameter
 
 # A frame that measurements place: a first estimate, displaced by six parameters. ``T = T0 D(d)`` with ``D(d) =

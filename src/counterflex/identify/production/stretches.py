@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
-from counterflex.cutting.arc_force import ArcCuts, term_force
+from counterflex.cutting.arc_force import ArcCuts, TermForce
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.record import mean_with_sigma, zero
@@ -316,7 +316,7 @@ class _StretchReader:
         cuts = ArcCuts(self.cutter, depths, begins, ends, feeds, np.zeros(1))
         by_depth, left, right = np.zeros(3), np.zeros(3), np.zeros(3)
         for p, *k in self.terms:
-            term, constants = term_force(cuts, float(p)), np.array(k)
+            term, constants = TermForce.of(cuts, float(p)), np.array(k)
             by_depth += term.by_depth[0] @ constants
             left += term.by_entry[0] @ constants
             right += term.by_exit[0] @ constants

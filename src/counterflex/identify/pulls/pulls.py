@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.geometry import wrench
+from counterflex.geometry import pose
 from counterflex.identify.data.dataset import Dataset
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 
@@ -97,7 +97,7 @@ def read_load(chain: ElasticChain, data: Dataset) -> tuple[Float, Float, Float]:
         none = np.zeros_like(load.values)
         w, w_sigma = np.hstack([load.values, none]), np.hstack([none if load.sigma is None else load.sigma, none])
     lever = (forward(chain, q)[:, :3, :3] @ _point(data, "p_tcp_load_m")[:, None])[..., 0]
-    return q, wrench.shift(w, lever), w_sigma
+    return q, pose.shift_wrench(w, lever), w_sigma
 
 
 def read_path(data: Dataset) -> tuple[str, Float | None]:

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.geometry.rotation import exp, skew
-from counterflex.geometry.rotation_derivative import left_jacobian
+from counterflex.geometry.rotation import exp, left_jacobian, skew
 from counterflex.identify.geometry.compliances import Springs
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.elasticity.compliance import element_jacobians, load_factors

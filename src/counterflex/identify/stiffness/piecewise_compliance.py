@@ -5,7 +5,7 @@ one (-1/2, +1/2, even in between over :data:`BLEND_RAD`, so that no deflection s
 its load, the size of its load up to a share of the largest; all centred, so that c stays the mean. The load is the
 whole one, own weight included: a pull moves a gear along its curve from where weight has it. What depends on an angle
 fades outside the angles measured exactly as :mod:`counterflex.robot.model.elastic_region` has it, what depends on a
-load is a curve of :mod:`counterflex.robot.model.compliance_curve`, so the error on data not used is that of the plan.
+load is a curve of :mod:`counterflex.robot.model.description`, so the error on data not used is that of the plan.
 Each is screened by what one more parameter would gain in the residuals of the fit (F test, all candidates taken
 together), the best are fitted, and the best of these stays if the error on data not used falls.
 """
@@ -33,8 +33,7 @@ from counterflex.identify.solver.solve import solve
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import element_loads
 from counterflex.robot.elasticity.gravity import weight_loads
-from counterflex.robot.model.compliance_curve import ComplianceCurve
-from counterflex.robot.model.description import ElasticRegion
+from counterflex.robot.model.description import ComplianceCurve, ElasticRegion
 from counterflex.robot.model.elastic_region import factor
 
 CHANCE: Final = 1e-3

@@ -8,13 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.controller_import.frames import ControllerData, Load
-from counterflex.app.controller_import.kinds import DataKind
+from counterflex.app.controller_import.frames import ControllerData, DataKind, Load
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM
 from counterflex.geometry import pose, rotation
-from counterflex.integrations.abb.language.read.data import DECLARATION, frame, truth
 from counterflex.integrations.abb.language.read.literals import AggregateLiteral, aggregate
+from counterflex.integrations.abb.language.read.routines import DECLARATION, frame, truth
 from counterflex.integrations.abb.language.read.scanner import RapidSource
 from counterflex.programs.robot_text.process_words import NUMBER
 

@@ -15,11 +15,10 @@ from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.links import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose
-from counterflex.integrations.abb.link.force import EgmForce
 from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink, GuidanceSettings, commanded_poses
-from counterflex.integrations.abb.link.link import EgmLink
+from counterflex.integrations.abb.link.link import EgmForce, EgmLink
 from counterflex.integrations.abb.link.path_link import EgmPathLink
-from counterflex.path.stream import PoseStream
+from counterflex.path.path_speed import PoseStream
 from counterflex.path.toolpath import tool_orientation
 from counterflex.plan.plan import Plan
 from counterflex.runtime.state.supervisor import State

@@ -14,8 +14,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.integrations.ati.link import telegram as netft
 from counterflex.twin.devices.force_device import ForceStart
-from counterflex.twin.network.faults import FaultSchedule
-from counterflex.twin.network.faulty_line import FaultyLine
+from counterflex.twin.network.faults import FaultSchedule, FaultyLine
 
 COUNTS: Final = 1_000_000
 """Counts per N and per N m."""

@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.controller_import.frames import ControllerData, Load
-from counterflex.app.controller_import.kinds import DataKind
+from counterflex.app.controller_import.frames import ControllerData, DataKind, Load
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM

@@ -31,10 +31,8 @@ CORRECTING: Final = 1
 CLAMPED: Final = 2
 _MEASURED: Final = ("RIst", "RSol", "AIPos", "ASPos")
 _UNITS: Final = (MM, MM, MM, DEG, DEG, DEG)
-_NO_TAG: Final = -1
-"""Place of a tag that the configuration does not have."""
-_LOCKED: Final = 1e-12
-"""Cosine of B below which only A -+ C is determined."""
+_NO_TAG: Final = -1  # Place of a tag that the configuration does not have
+_LOCKED: Final = 1e-12  # Cosine of B below which only A -+ C is determined
 
 
 @dataclass(frozen=True)

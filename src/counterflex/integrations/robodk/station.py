@@ -7,8 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.controller_import.frames import ControllerData
-from counterflex.app.controller_import.kinds import DataKind
+from counterflex.app.controller_import.frames import ControllerData, DataKind
 from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError

@@ -79,17 +79,12 @@ class JudgedPlacements:
         return {reason: reasons.count(reason) for reason in sorted(set(reasons), key=reasons.count, reverse=True)}
 
 
-def reach_m(opw: Opw) -> float:
-    """Largest distance of the wrist from axis 2, m: upper arm and forearm in one line."""
-    return float(opw.c2_m + np.hypot(opw.c3_m, opw.a2_m))
-
-
 def usual_region(opw: Opw) -> PlacementBounds:
     """In front of the robot, from the height of its foot to that of axis 2, any rotation of the part.
 
-    With R the reach (:func:`reach_m`): x from 0.2 to 1 R, y half of R to both sides.
+    With R the reach (:meth:`Opw.reach_m`): x from 0.2 to 1 R, y half of R to both sides.
     """
-    reach = reach_m(opw)
+    reach = opw.reach_m()
     return PlacementBounds((0.2 * reach, -0.5 * reach, 0.0, -np.pi), (reach, 0.5 * reach, 0.5 * reach, np.pi))
 
 

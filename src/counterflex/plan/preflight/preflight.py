@@ -45,7 +45,7 @@ from counterflex.plan.preflight.size import size_rows
 from counterflex.plan.preflight.spacing import BlockSpacing, blocks_of, spacing_rows
 from counterflex.plan.preflight.speed_row import speed_row
 from counterflex.plan.preflight.swung_arcs import Swung, axes_row, linear_rows, swung, taken
-from counterflex.programs.robot_text.stated import Stated
+from counterflex.programs.robot_text.program import Stated
 from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution
 from counterflex.robot.kinematics.inverse_seeds import extension
 from counterflex.robot.model.controller_axes import room

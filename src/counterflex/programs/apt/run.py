@@ -13,11 +13,11 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, INCH, MINUTE, MM, RPM
-from counterflex.programs.apt import words as apt_words
+from counterflex.programs.apt import word_table as apt_words
 from counterflex.programs.apt.statements import SYSTEM, TOOL_ON_CIRCLE, AptLine, Argument, place
 from counterflex.programs.apt.tool_on_circle import TOOL_ON_FORM, ToolOnCircle
 from counterflex.programs.apt.word_table import NOTES
-from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
+from counterflex.programs.gcode.read.arc import PLANE_AXES, Arc, ArcFault
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Word
 
@@ -263,7 +263,7 @@ class AptRun:
         middle = np.array(values[:3]) * self._unit_m
         ends = [(float(q[first]), float(q[second])) for q in (self._p, p, middle)]
         try:
-            solution = by_centre(ends[0], ends[1], ends[2], clockwise, 1, self._unit_m)
+            solution = Arc.by_centre(ends[0], ends[1], ends[2], clockwise, 1, self._unit_m)
         except ArcFault as fault:
             raise self._fault(arc, f"{fault.what} ({fault.value})") from fault
         if abs(solution.radius_m - values[6] * self._unit_m) > 1e-3 * solution.radius_m + 1e-5:

@@ -15,13 +15,11 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre
+from counterflex.programs.gcode.read.arc import Arc, ArcFault
 
 TOOL_ON_FORM: Final = "As CATIA writes it: INDIRV/i,j,k and TLON,GOFWD/(CIRCLE/x,y,z,r),ON,(LINE/x,y,z,xe,ye,ze)"
-_SAME_M: Final = 2e-5
-"""Two points of a file are one within its rounding and a little more."""
-_HALF_RAD: Final = 1e-3
-"""Arcs this close to half a turn may stand with INTOF and without."""
+_SAME_M: Final = 2e-5  # Two points of a file are one within its rounding and a little more
+_HALF_RAD: Final = 1e-3  # Arcs this close to half a turn may stand with INTOF and without
 _DIRECTION_DIGITS: Final = 6
 
 
@@ -70,7 +68,7 @@ class ToolOnCircle:
         out = (p_start - self.p_centre)[:2]
         clockwise = float(out[0] * direction[1] - out[1] * direction[0]) < 0.0
         ends = [(float(q[0]), float(q[1])) for q in (p_start, self.p_end, self.p_centre)]
-        arc = by_centre(ends[0], ends[1], ends[2], clockwise, 1, unit_m)
+        arc = Arc.by_centre(ends[0], ends[1], ends[2], clockwise, 1, unit_m)
         turn = abs(arc.turn_rad)
         if abs(turn - math.pi) > _HALF_RAD and (turn > math.pi) != self.second:
             need = "needs ON,2,INTOF" if turn > math.pi else "needs ON alone"

@@ -18,8 +18,7 @@ from counterflex.programs.machine_in_place import MachineInPlace
 from counterflex.programs.motion_rows import LEAST_FEED_CHANGE
 from counterflex.programs.program import TOOL_VECTOR, Block, Motion
 
-_AXIS_DIGITS: Final = 3
-"""A component of the tool axis has three decimals more than a length: 1e-7."""
+_AXIS_DIGITS: Final = 3  # A component of the tool axis has three decimals more than a length: 1e-7
 _ROUNDINGS: Final = 3.0
 _PER_MINUTE: Final = 94
 _SAME_M: Final = 1e-12

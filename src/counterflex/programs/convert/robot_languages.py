@@ -21,8 +21,7 @@ S = TypeVar("S", bound=RobotSettings)
 FLAT_M: Final = 1e-7
 """Rise of a circle, m, up to which it is no helix."""
 _HALF_DEG: Final = 180.0
-_STEM: Final = 20
-"""Characters of a name before the number of a part."""
+_STEM: Final = 20  # Characters of a name before the number of a part
 
 
 class RobotEmitter(RobotWords[S], ProgramEmitter, Generic[S]):

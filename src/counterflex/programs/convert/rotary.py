@@ -13,15 +13,14 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.path.toolpath import ToolPath
+from counterflex.programs.motion_rows import simplify
 from counterflex.programs.program import TOOL_VECTOR, Motion, Program
 from counterflex.programs.rotary.fitted import fitted
 from counterflex.programs.rotary.machine import RotaryMachine
 from counterflex.programs.rotary.poses import RotaryWords, turned_path
-from counterflex.programs.simplify import simplify
 
 _STEP_M: Final = 1.0 * MM
-_LEVER_M: Final = 0.3
-"""A turn by 1 rad moves as much as this: the reach of a tool and its holder."""
+_LEVER_M: Final = 0.3  # A turn by 1 rad moves as much as this: the reach of a tool and its holder
 _STILL_M: Final = 1e-9
 
 

@@ -16,8 +16,8 @@ from counterflex.core.errors import ProgramError
 from counterflex.programs.language import LANGUAGES
 from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program, Word, has_g
 from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.robot_writer.implied_stops import ImpliedStops, implied_stops
 from counterflex.programs.robot_writer.machine_functions import BEHIND
+from counterflex.programs.robot_writer.spaced_points import ImpliedStops, implied_stops
 
 ENDS: Final = frozenset((2, 17, 30, 60, 97, 98, 99))
 _ORDER: Final = (6, 3, 4, 7, 8, 9, 5)

@@ -25,8 +25,7 @@ from counterflex.programs.robot_text.program import NamedPoint, RobotProgram
 from counterflex.programs.robot_writer.points import FineRows
 from counterflex.programs.robot_writer.spaced_points import refined, spaced
 
-_LEVER_M: Final = 0.3
-"""A turn by 1 rad moves as much as this: the reach of a tool and its holder."""
+_LEVER_M: Final = 0.3  # A turn by 1 rad moves as much as this: the reach of a tool and its holder
 
 
 def fine_rows(

@@ -12,7 +12,47 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.programs.program import Program
-from counterflex.programs.robot_text.stated import Stated, StatedTurns
+
+TURNING: Final = (0, 3, 5)
+"""Axes that reach more than a full turn."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedPosture:
+    """Posture as far as it is stated; None is not."""
+
+    front: bool | None = None  # The wrist centre lies ahead of axis 1
+    # Axis 3 is beyond the angle at which the arm is straight, in the direction of elbow up of a front arm
+    bent: bool | None = None
+    noflip: bool | None = None  # Axis 5 is positive in the sense of the closed form
+
+    def agrees(self, branch: str) -> bool:
+        """Return whether nothing of it contradicts a posture such as ``front up noflip``."""
+        arm, elbow, wrist = branch.split()
+        front = arm == "front"
+        own = (front, (elbow == "up") == front, wrist == "noflip")
+        stated = (self.front, self.bent, self.noflip)
+        return all(a is None or a == b for a, b in zip(stated, own, strict=True))
+
+
+Stated = tuple[StatedPosture, str]
+"""A posture and the words that state it."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedTurns:
+    """Ranges of axes 1, 4 and 6 as the controller shows them."""
+
+    low_deg: tuple[float, ...]
+    high_deg: tuple[float, ...]
+    words: str
+
+    @classmethod
+    def of(cls, numbers: Sequence[int], size_deg: float, first_deg: float, words: str) -> StatedTurns:
+        """Ranges of one size that are counted by whole numbers; 0 begins at ``first_deg``."""
+        low = tuple(first_deg + size_deg * number for number in numbers)
+        return cls(low, tuple(value + size_deg for value in low), words)
+
 
 Span = tuple[int, int]
 """Index of the first character, and the one behind the last."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.language import forms_of
+from counterflex.programs.language import StatementForms
 from counterflex.programs.limits import WORDS_OF_M
 from counterflex.programs.program import Block
 
@@ -125,7 +125,7 @@ class MachineFunctions:
                         value=f"{' '.join(where.text.split())[:30]}, {' '.join(block.text.split())[:30]}",
                         limit=f"{' '.join(f'{{{letter.lower()}}}' for letter in letters)} in controller.spindle."
                         f"{self.language}.m_codes.M{code} in {self.where}",
-                        hint=f'Write for example M{code} = ["{forms_of(self.language).output_of_word}"]',
+                        hint=f'Write for example M{code} = ["{StatementForms.of(self.language).output_of_word}"]',
                     )
 
     def _says(self, code: int, key: str) -> bool:
@@ -174,7 +174,7 @@ class MachineFunctions:
         if data is None and self._says(code, DATA):
             raise ProgramError(
                 "the cell file does not name the tool data of a tool", where=f"line {block.line}", value=f"T{tool}",
-                limit=f"tools.{forms_of(self.language).data_key} of T{tool} in {self.where}",
+                limit=f"tools.{StatementForms.of(self.language).data_key} of T{tool} in {self.where}",
             )  # fmt: skip
         own = _own_words(code, block)
         for key in WORDS:
@@ -187,20 +187,20 @@ class MachineFunctions:
         return {SPEED: f"{rpm:.0f}", TOOL: f"{tool}", DATA: data or "", **own}
 
     def _example(self, key: str) -> str:
-        return f'{key} = ["{forms_of(self.language).output}"]'
+        return f'{key} = ["{StatementForms.of(self.language).output}"]'
 
     def _in_place(self) -> list[str]:
         """A controller that runs ahead of the motion waits until the tool is there."""
-        return list(forms_of(self.language).in_place)
+        return list(StatementForms.of(self.language).in_place)
 
     def _stop(self, why: str) -> list[str]:
-        return forms_of(self.language).stop(why)
+        return StatementForms.of(self.language).stop(why)
 
     def _pause(self) -> list[str]:
-        return [] if self.pause_s == 0.0 else [forms_of(self.language).pause.format(f"{self.pause_s:.1f}")]
+        return [] if self.pause_s == 0.0 else [StatementForms.of(self.language).pause.format(f"{self.pause_s:.1f}")]
 
     def _until(self, condition: str, fault: str) -> list[str]:
-        return forms_of(self.language).until(condition, self.wait_s, fault) if condition else []
+        return StatementForms.of(self.language).until(condition, self.wait_s, fault) if condition else []
 
 
 def _codes(block: Block) -> list[int]:

@@ -15,21 +15,17 @@ from counterflex.core.units import MINUTE, MM, MS, UM
 from counterflex.geometry import rotation
 from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import RAPID, ToolPath
-from counterflex.programs.motion_rows import feed_factor, relieved_along_axis
+from counterflex.programs.motion_rows import feed_factor, relieved_along_axis, simplify
 from counterflex.programs.program import Block, Program
-from counterflex.programs.robot_writer.implied_stops import implied_stops
 from counterflex.programs.robot_writer.machine_functions import BEHIND
-from counterflex.programs.robot_writer.spaced_points import refined, spaced
-from counterflex.programs.simplify import simplify
+from counterflex.programs.robot_writer.spaced_points import implied_stops, refined, spaced
 
 BlockLines = Callable[[Block], Sequence[str]]
 """Lines of the robot's language for a block that is not (only) motion; empty for none."""
 
 _SPEED_STEP: Final = 0.02
-_CAUTION: Final = 0.8
-"""Of the feed at which the tolerance would just be held."""
-_BACK: Final = -0.5
-"""Cosine of the angle between two steps beyond which the path turns back: 120 degrees."""
+_CAUTION: Final = 0.8  # Of the feed at which the tolerance would just be held
+_BACK: Final = -0.5  # Cosine of the angle between two steps beyond which the path turns back: 120 degrees
 _MODAL_ONLY: Final = frozenset("GXYZABCIJKRPQLFN")
 _STOPS: Final = frozenset((0.0, 1.0, 60.0))
 

@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.geometry import rotation
 from counterflex.path.toolpath import ToolPath
-from counterflex.path.turning import TurnedPath, Turning, sample_turning
+from counterflex.path.turning import TurnedPath, Turning
 from counterflex.programs.compensated import programmed_motions
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Program
 from counterflex.programs.rotary.machine import RotaryMachine
@@ -69,7 +69,7 @@ def _unit(vector: Float) -> Float:
 def turned_path(
     program: Program, words: RotaryWords, *, step_m: float, rapid_speed_m_s: float, chord_m: float = 5e-6
 ) -> TurnedPath:
-    """Sample a program that turns the tool; see :func:`~counterflex.path.turning.sample_turning`.
+    """Sample a program that turns the tool; see :meth:`~counterflex.path.turning.TurnedPath.sampled`.
 
     Args:
         program: From :func:`~counterflex.programs.rotary.fitted.fitted`.
@@ -87,7 +87,7 @@ def turned_path(
     end = np.where(words.vector[:, None], _unit(end), end)
     feed = np.array([motion.feed_rad_s for motion in program.motions])
     turning = Turning(start, end, feed, words.pose)
-    return sample_turning(
+    return TurnedPath.sampled(
         programmed_motions(program), turning, step_m=step_m, rapid_speed_m_s=rapid_speed_m_s, chord_m=chord_m
     )
 
@@ -103,28 +103,27 @@ class CommandedWords:
     angle_command_rad: Float
     dropped_rad: float  # Largest correction of the direction that the words could not say
 
+    @classmethod
+    def of(cls, turned: TurnedPath, words: RotaryWords, correction_part: Float, rotvec_part: Float) -> CommandedWords:
+        """Turn corrections of the pose into corrected words.
 
-def commanded_words(
-    turned: TurnedPath, words: RotaryWords, correction_part: Float, rotvec_part: Float
-) -> CommandedWords:
-    """Turn corrections of the pose into corrected words.
-
-    Args:
-        turned: Nominal path, n rows, in the part frame.
-        words: What the program's words mean.
-        correction_part: (n, 3) m, added to the tip.
-        rotvec_part: (n, 3) rad, correction of the orientation in part axes; a turn about the tool axis means nothing.
-    """
-    path = turned.path
-    moved = np.any(correction_part != 0.0, axis=1) | np.any(rotvec_part != 0.0, axis=1)
-    axis = np.einsum("nij,nj->ni", rotation.exp(rotvec_part), path.axis_part)
-    p, angle = turned.programmed.p_part_tcp.copy(), turned.angle_rad.copy()
-    rows = np.flatnonzero(moved)
-    dropped = 0.0
-    if len(rows):
-        p[rows], angle[rows] = words.programmed(
-            (path.p_part_tcp + correction_part)[rows], axis[rows], turned.angle_rad[rows], path.motion[rows]
-        )
-        reached = words.pose(p[rows], angle[rows], path.motion[rows])[1]
-        dropped = float(np.linalg.norm(reached - axis[rows], axis=1).max())
-    return CommandedWords(turned.programmed, p, turned.angle_rad, angle, dropped)
+        Args:
+            turned: Nominal path, n rows, in the part frame.
+            words: What the program's words mean.
+            correction_part: (n, 3) m, added to the tip.
+            rotvec_part: (n, 3) rad, correction of the orientation in part axes; a turn about the tool axis means
+                nothing.
+        """
+        path = turned.path
+        moved = np.any(correction_part != 0.0, axis=1) | np.any(rotvec_part != 0.0, axis=1)
+        axis = np.einsum("nij,nj->ni", rotation.exp(rotvec_part), path.axis_part)
+        p, angle = turned.programmed.p_part_tcp.copy(), turned.angle_rad.copy()
+        rows = np.flatnonzero(moved)
+        dropped = 0.0
+        if len(rows):
+            p[rows], angle[rows] = words.programmed(
+                (path.p_part_tcp + correction_part)[rows], axis[rows], turned.angle_rad[rows], path.motion[rows]
+            )
+            reached = words.pose(p[rows], angle[rows], path.motion[rows])[1]
+            dropped = float(np.linalg.norm(reached - axis[rows], axis=1).max())
+        return cls(turned.programmed, p, turned.angle_rad, angle, dropped)

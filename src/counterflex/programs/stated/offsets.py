@@ -21,10 +21,8 @@ UNSAID: Final = -3
 _OF_TOOL: Final = (43.0, 43.4, 43.5, 44.0)
 _GIVEN: Final = 43.1
 _CANCEL: Final = 49.0
-_FURTHER: Final = {54.0, 54.1, 154.0}
-"""Further offsets of Fanuc and Haas, with P."""
-_HAAS: Final = {float(code) for code in range(110, 130)}
-"""The same by numbers of their own, P1 to P20."""
+_FURTHER: Final = {54.0, 54.1, 154.0}  # Further offsets of Fanuc and Haas, with P
+_HAAS: Final = {float(code) for code in range(110, 130)}  # The same by numbers of their own, P1 to P20
 _OFFSETS: Final = (*range(54, 60), 59.1, 59.2, 59.3)
 
 

@@ -102,40 +102,40 @@ class Stated:
     doubts: tuple[str, ...] = ()  # Readings of words that controllers read in two ways, one sentence each
     waits_first: bool = False  # The same before the first motion
 
+    @classmethod
+    def of(cls, program: Program, known_offsets: bool = False) -> Stated:
+        """Return what a program states of offsets, coolant and its end.
 
-def stated(program: Program, known_offsets: bool = False) -> Stated:
-    """Return what a program states of offsets, coolant and its end.
-
-    Args:
-        known_offsets: All work offsets are known, from a parameter file of the machine.
-    """
-    n = len(program.motions)
-    lengths, works, coolants = (np.full(n, UNSAID, dtype=np.int64) for _ in range(3))
-    waits = LANGUAGES[program.dialect].waits
-    reader = offset_reader(program.dialect)
-    coolant, cools = 0, any(codes_of(block, "M") & set(_COOLANT) for block in program.blocks)
-    names: list[str] = []
-    stops, waits_first = np.zeros(n, dtype=np.bool_), False
-    for block in program.blocks:
-        reader.take(block)
-        behind = block.motions.stop - 1
-        if _waits(block, waits):
-            waits_first = waits_first or behind < 0
-            stops[behind : behind + 1] = True  # nothing before the first motion
-        coolant = next((_COOLANT[code] for code in codes_of(block, "M") if code in _COOLANT), coolant)
-        if not block.motion_count:
-            continue
-        rows = slice(block.motions.start, block.motions.stop)
-        if reader.offset not in names:
-            names.append(reader.offset)
-        lengths[rows], works[rows] = reader.length, names.index(reader.offset)
-        coolants[rows] = coolant if cools else UNSAID
-    defined = frozenset(names) if known_offsets else frozenset(names) & {"", "G54", *reader.defined}
-    last = program.blocks[-1].modal.spindle_rpm if program.blocks else 0.0
-    ended = any(codes_of(block, "M") & set(_ENDS) for block in program.blocks)
-    return Stated(lengths, works, tuple(names), defined, coolants, last != 0.0 and not ended,
-                  isinstance(program, RobotProgram), stops, diameters_of(program),
-                  tuple(doubtful_readings(program)), waits_first)  # fmt: skip
+        Args:
+            known_offsets: All work offsets are known, from a parameter file of the machine.
+        """
+        n = len(program.motions)
+        lengths, works, coolants = (np.full(n, UNSAID, dtype=np.int64) for _ in range(3))
+        waits = LANGUAGES[program.dialect].waits
+        reader = offset_reader(program.dialect)
+        coolant, cools = 0, any(codes_of(block, "M") & set(_COOLANT) for block in program.blocks)
+        names: list[str] = []
+        stops, waits_first = np.zeros(n, dtype=np.bool_), False
+        for block in program.blocks:
+            reader.take(block)
+            behind = block.motions.stop - 1
+            if _waits(block, waits):
+                waits_first = waits_first or behind < 0
+                stops[behind : behind + 1] = True  # nothing before the first motion
+            coolant = next((_COOLANT[code] for code in codes_of(block, "M") if code in _COOLANT), coolant)
+            if not block.motion_count:
+                continue
+            rows = slice(block.motions.start, block.motions.stop)
+            if reader.offset not in names:
+                names.append(reader.offset)
+            lengths[rows], works[rows] = reader.length, names.index(reader.offset)
+            coolants[rows] = coolant if cools else UNSAID
+        defined = frozenset(names) if known_offsets else frozenset(names) & {"", "G54", *reader.defined}
+        last = program.blocks[-1].modal.spindle_rpm if program.blocks else 0.0
+        ended = any(codes_of(block, "M") & set(_ENDS) for block in program.blocks)
+        return cls(lengths, works, tuple(names), defined, coolants, last != 0.0 and not ended,
+                      isinstance(program, RobotProgram), stops, diameters_of(program),
+                      tuple(doubtful_readings(program)), waits_first)  # fmt: skip
 
 
 def _waits(block: Block, form: re.Pattern[str] | None) -> bool:

@@ -25,5 +25,5 @@ def _open(opening: Opening) -> FrameLink:
 FRAME: Final = ForceSensorKind(
     "frames of a fixed length over UDP or TCP, described in the cell file",
     _open,
-    device="counterflex.app.simulated_cell.force_devices:frame_sender",
+    device="counterflex.app.simulated_cell.instruments:frame_sender",
 )

@@ -53,7 +53,7 @@ class Kept(IntEnum):
     TAKEN = 15
     """Records taken over from the loop."""
     TROUBLE = 16
-    """Why they cannot be written, see :func:`counterflex.files.logs.place.trouble_message`; 0: they are."""
+    """Why they cannot be written, see :func:`counterflex.files.logs.run_log.trouble_message`; 0: they are."""
     LOST = 17
     """Records that could not be written, or whose file has gone."""
 

@@ -107,5 +107,5 @@ WRENCH: Final = ForceSensorKind(
     "generic wrench datagram: UDP, any sensor behind a bridge",
     _open,
     {"sender": "", "source": -1},
-    "counterflex.app.simulated_cell.force_devices:wrench_sender",
+    "counterflex.app.simulated_cell.instruments:wrench_sender",
 )

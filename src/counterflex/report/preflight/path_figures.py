@@ -18,8 +18,7 @@ _PROGRAMMED: Final = "#94a3b8"
 _HELD: Final = "#0369a1"
 _SLOW: Final = "#b91c1c"
 _POINTS: Final = 3000
-_SHOWN_PERCENT: Final = 40.0
-"""Below that the limit is not drawn: the curves would lie on the axis."""
+_SHOWN_PERCENT: Final = 40.0  # Below that the limit is not drawn: the curves would lie on the axis
 _WAY: Final = "way along the program, m"
 
 

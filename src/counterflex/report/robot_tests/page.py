@@ -9,14 +9,12 @@ import numpy as np
 
 from counterflex.core.similar import with_interval
 from counterflex.core.units import UM
-from counterflex.evaluate.iso9283.commanded_path import CommandedPath
-from counterflex.evaluate.iso9283.path_cycles import PathCycle
-from counterflex.evaluate.iso9283.path_figures import IsoPathFigures
-from counterflex.evaluate.iso9283.path_velocity import PathVelocity
+from counterflex.evaluate.iso9283.path_cycles import CommandedPath, PathCycle
+from counterflex.evaluate.iso9283.path_figures import IsoPathFigures, PathVelocity
 from counterflex.evaluate.iso9283.poses import PoseCycles
 from counterflex.report.figure_data import numbers
 from counterflex.report.robot_tests import section as drawn
-from counterflex.report.robot_tests.section import CYCLE_COLOURS, GRID, Section, conditions, test_page
+from counterflex.report.robot_tests.section import CYCLE_COLOURS, GRID, Section, test_page
 
 MOST: Final = 6
 _VIEWS: Final = (("x", "y", 0, 1), ("x", "z", 0, 2))
@@ -126,7 +124,7 @@ def pose_page(summary: Mapping[str, Any], poses: Sequence[PoseCycles]) -> str:
         Section("Over the cycles", "Distance of each attained position from the commanded one.", "cycles"),
     ]
     sections += _further(summary)
-    sections.append(conditions(summary))
+    sections.append(Section.conditions(summary))
     figures = {"clusters": cluster_figure(poses, radii)}
     over = time_figure(poses)
     if over is not None:
@@ -261,7 +259,7 @@ def path_page(
                 ],
             )
         )
-    sections.append(conditions(summary))
+    sections.append(Section.conditions(summary))
     return test_page(_title("Path test", summary), _subtitle(summary), verdict, sections, plots)
 
 

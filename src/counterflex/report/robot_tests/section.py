@@ -11,10 +11,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MM_PER_S, UM
-from counterflex.evaluate.iso9283.commanded_path import CommandedPath
-from counterflex.evaluate.iso9283.path_cycles import PathCycle
-from counterflex.evaluate.iso9283.path_figures import IsoPathFigures
-from counterflex.evaluate.iso9283.path_velocity import PathVelocity
+from counterflex.evaluate.iso9283.path_cycles import CommandedPath, PathCycle
+from counterflex.evaluate.iso9283.path_figures import IsoPathFigures, PathVelocity
 from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers, thin
 from counterflex.report.page import render
@@ -33,6 +31,31 @@ class Section:
     columns: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
 
+    @classmethod
+    def conditions(cls, summary: Mapping[str, Any]) -> Section:
+        """Return how the figures were made."""
+        rows = [
+            ["files", ", ".join(summary["files"])],
+            ["commanded", summary["commanded"]],
+            [
+                "frame",
+                summary["frame"] + (" (accuracies leave out what a frame absorbs)" if summary["frame_fitted"] else ""),
+            ],
+            ["filter", summary["filter"]],
+            ["standard deviation of the tracker as stated", f"{summary['tracker_sigma_um']:g} um"],
+        ]
+        noise = (
+            "The figures contain the noise of the instrument and the errors that all readings share: "
+            "of frame and scale."
+        )
+        if "confidence" in summary:
+            noise = (
+                "Intervals hold the true figure with 95 % confidence, from the scatter of the cycles that were "
+                "measured. They contain the noise of the instrument, not errors that all readings share: of the frame, "
+                "of its scale."
+            )
+        return cls("How it was measured", noise, columns=["", ""], rows=rows)
+
 
 def test_page(
     title: str, subtitle: str, verdict: str, sections: Sequence[Section], figures: Mapping[str, dict[str, Any]]
@@ -42,31 +65,7 @@ def test_page(
     return render("robot_test.html.j2", dict(figures), [], data=head, verdict=verdict, sections=sections)
 
 
-def conditions(summary: Mapping[str, Any]) -> Section:
-    """Return how the figures were made."""
-    rows = [
-        ["files", ", ".join(summary["files"])],
-        ["commanded", summary["commanded"]],
-        [
-            "frame",
-            summary["frame"] + (" (accuracies leave out what a frame absorbs)" if summary["frame_fitted"] else ""),
-        ],
-        ["filter", summary["filter"]],
-        ["standard deviation of the tracker as stated", f"{summary['tracker_sigma_um']:g} um"],
-    ]
-    noise = (
-        "The figures contain the noise of the instrument and the errors that all readings share: of frame and scale."
-    )
-    if "confidence" in summary:
-        noise = (
-            "Intervals hold the true figure with 95 % confidence, from the scatter of the cycles that were measured. "
-            "They contain the noise of the instrument, not errors that all readings share: of the frame, of its scale."
-        )
-    return Section("How it was measured", noise, columns=["", ""], rows=rows)
-
-
-_DRAWN: Final = 0.06
-"""Largest deviation in the picture, as a share of the path's size."""
+_DRAWN: Final = 0.06  # Largest deviation in the picture, as a share of the path's size
 _POINTS: Final = 1500
 _CORNERS: Final = 4
 

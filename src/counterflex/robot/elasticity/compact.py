@@ -17,9 +17,8 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.records import Record, Records, records
 from counterflex.robot.elasticity.kernels.records import REGION, STATION, SURROUNDINGS, Compact
-from counterflex.robot.model.compliance_curve import ComplianceCurve
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
-from counterflex.robot.model.description import Counterbalance, ElasticRegion, Opw, Play, Servo
+from counterflex.robot.model.description import ComplianceCurve, Counterbalance, ElasticRegion, Opw, Play, Servo
 
 SAME_AXIS_M = 0.1
 """Distance from an axis within which an undriven elastic segment can be its bearing."""

@@ -22,7 +22,7 @@ from counterflex.core.errors import InputError, ModelError
 from counterflex.robot.elasticity.chain import ElasticChain, frames, points, require_settled
 from counterflex.robot.elasticity.gravity import weight_loads
 from counterflex.robot.elasticity.kernels import batch
-from counterflex.robot.model.compliance_curve import secants
+from counterflex.robot.model.description import secants
 
 LANES_FROM = 200_000  # points from which the lane-blocked kernels repay their longer compilation
 LARGEST_ROTATION = 0.2  # rad; beyond this a deflection is not elastic any more

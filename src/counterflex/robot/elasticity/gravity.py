@@ -7,31 +7,6 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.robot.elasticity.chain import ElasticChain, frames, joint_angles, points, require_settled
 from counterflex.robot.elasticity.kernels.batch import ON_RIGID, SETTLED, sag_range
-from counterflex.robot.model.description import Counterbalance
-
-
-def counterbalance_torque(balance: Counterbalance, q_joint: Float | float) -> Float:
-    """Torque of the gas cylinder on its axis, positive in the positive direction of the controller angle.
-
-    With ``d = q - q_min_force``: ``dl = sqrt(D^2 + k^2 - 2 D k cos d) - (D - k)``, lever ``h = D k sin d / (dl + D -
-    k)``, gas pressure ``p = Z R T m / (V_max - dl A)``, torque ``-h p A``: it pulls back towards ``q_min_force``.
-
-    Args:
-        q_joint: (...) rad, controller angle of the axis it acts on.
-
-    Returns:
-        (...) N m.
-
-    Source: gas cylinder between column and link arm of KUKA KR QUANTEC robots, J. Weigand, Robot_Identification (2021).
-    """
-    d = np.asarray(q_joint, dtype=np.float64) - balance.q_min_force_rad
-    long, short = balance.anchor_column_m, balance.anchor_arm_m
-    length = np.sqrt(long**2 + short**2 - 2.0 * long * short * np.cos(d))
-    lever = long * short * np.sin(d) / length
-    stroke = length - (long - short)
-    pressure = balance.gas_constant_j / (balance.gas_volume_max_m3 - stroke * balance.piston_area_m2)
-    out: Float = -lever * pressure * balance.piston_area_m2
-    return out
 
 
 def weight_loads(chain: ElasticChain, q: Float, Ts_base_segment: Float | None = None) -> Float:
@@ -62,7 +37,7 @@ def weight_loads(chain: ElasticChain, q: Float, Ts_base_segment: Float | None = 
     if chain.counterbalance is not None:
         joint = chain.counterbalance.joint
         drive = int(np.flatnonzero(chain.joint == joint)[0])
-        torque = counterbalance_torque(chain.counterbalance, q[..., joint])
+        torque = chain.counterbalance.torque(q[..., joint])
         m[..., chain.torsion[joint], 2] += chain.sign[drive] * torque
     return np.concatenate([f, m], axis=-1)
 

@@ -20,8 +20,7 @@ from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution, inverse_all, inverse_path
 from counterflex.robot.model.controller_axes import ControllerAxes, room
 
-_SAME_RAD: Final = 1.0 * DEG
-"""A target at the end of a range of turns may be rounded to its other side."""
+_SAME_RAD: Final = 1.0 * DEG  # A target at the end of a range of turns may be rounded to its other side
 
 
 @dataclass(frozen=True, eq=False)

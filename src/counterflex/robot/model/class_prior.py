@@ -39,6 +39,11 @@ Sources: Weigand et al., IROS 2021, github JonasWeigand/Robot_Identification 9e4
 ``u``, ``K_vel``, ``K_pos``, ``q_back`` and friction; recording A for the reversals. Modal tests on milling robots:
 :mod:`counterflex.plan.lowest_mode`. Check: a KR 300 whose drives were not known left 0.255 instead of 0.114 mm of
 1.65 mm (Haehn and Weigold 2020), so they made 14 % of the deflection; a step of force on the planned drives makes 14 %.
+
+Stiffness of an end effector (spindle, bracket, holder) of which none is stated, from published ones.
+
+Two are published: the spindle with its holder of Haehn and Weigold 2020 (KR 300 R2500 ultra), and the spindle holder of
+Denkena and Lepper 2015. The prior is one spring, equal about three axes, at the first body that states nothing.
 """
 
 from __future__ import annotations
@@ -60,14 +65,37 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM, URAD
 from counterflex.robot.model.description import Play, Servo
 
+_HAEHN_NM_PER_RAD: Final = (1.9e5, 6.7e4, 9.1e4)  # About x, y, z: Haehn2020 table 1, spindle and holder
+_DENKENA_M_PER_N: Final = (0.125e-6, 0.137e-6)
+"""Across the tool, at its tip: Denkena2015 table 1, without strain gauges."""
+_DENKENA_LEVER_M: Final = 0.25
+"""From the flange to the tip: not published; as such spindles are. A third more or less is 30 % of the median."""
+_FACTOR_90: Final = 6.0
+"""Nine of ten lie between median / 6 and median * 6: a judgement, the two published ones lie a factor of 4.4 apart."""
+_INSIDE_SIGMA: Final = 1.645
+
+
+def median_nm_per_rad() -> float:
+    """Return the median stiffness: the geometric mean of the published end effectors, N m/rad."""
+    haehn = float(np.exp(np.mean(np.log(_HAEHN_NM_PER_RAD))))
+    denkena = _DENKENA_LEVER_M**2 / float(np.mean(_DENKENA_M_PER_N))
+    return float(np.sqrt(haehn * denkena))
+
+
+def drawn(count: int, seed: int) -> Float:
+    """Return stiffnesses (count,) N m/rad of end effectors that nothing is known of."""
+    z = np.random.default_rng(seed).standard_normal(count)
+    out: Float = median_nm_per_rad() * np.exp(np.log(_FACTOR_90) / _INSIDE_SIGMA * z)
+    return out
+
+
 AXES: Final = 6
 EXPONENT: Final = (0.8, 0.2)
 """b and its standard deviation."""
 PAYLOAD_KG: Final = (20.0, 1000.0)
 """Range in which a prior is given at all; published are 210 to 500 kg."""
 _INSIDE: Final = 0.9
-_WEIGHT_OF_MEAN: Final = 4.0
-"""Degrees of freedom that the mean variance of the axes counts beside that of one axis."""
+_WEIGHT_OF_MEAN: Final = 4.0  # Degrees of freedom that the mean variance of the axes counts beside that of one axis
 _NORMAL: Final = NormalDist().inv_cdf(0.5 + 0.5 * _INSIDE)
 
 FRICTION_NM: Final = (318.6, 420.7, 291.5, 93.6, 124.9, 87.7)

@@ -7,17 +7,115 @@ One segment is one rigid body with, in front of it, a driven joint (or none) and
 ``E`` is the elastic displacement of the segment: translation (tx, ty, tz), then z-y'-x'' rotations
 ``Rz(rz) Ry(ry) Rx(rx)``, all in the segment's own axes after the drive (Haehn2020 eq. 2-9; Denkena2015 eq. 1-7 is the
 linear form). An elastic element that does not sit in the drive's frame is a segment of its own with ``joint=None``.
+
+Compliances that change with the load of their spring: gears are soft about zero torque and stiffen with it.
+
+``c(x) = c f(x)`` is the slope of the displacement over the whole load x of the spring, own weight included; f is linear
+between the loads that it is given at and constant beyond them. Data sheets of strain wave gears give such a curve as
+three slopes (K1 up to T1, K2 up to T2, K3 beyond), those of cycloidal gears as lost motion and stiffness.
+
+From Denavit-Hartenberg rows to the segment chain: any six-axis arm, with or without a spherical wrist.
+
+Per axis, with ``theta_i = sign_i q_i + offset_i``::
+
+    standard    Rz(theta_i) Tz(d_i) Tx(a_i) Rx(alpha_i)      (Denavit and Hartenberg 1955)
+    modified    Rx(alpha_i) Tx(a_i) Rz(theta_i) Tz(d_i)      (Craig)
+
+Segment ``axisN`` has its z along axis N: in the modified form its origin is that of the row's frame before ``d``, in
+the standard form the one of the row before. What remains behind axis 6 leads to the flange.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final, Literal
 
 import numpy as np
 
-from counterflex.core.arrays import Float
-from counterflex.robot.model.compliance_curve import ComplianceCurve
+from counterflex.core.arrays import Float, frozen
+from counterflex.core.errors import ModelError
+from counterflex.geometry import pose, rotation
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
+
+LOADS: Final = (2, 8)
+"""Fewest and most loads of one curve."""
+_SMALL: Final = 1e-6  # Share of the largest load of a curve below which a load is too small to divide by
+
+
+@dataclass(frozen=True)
+class ComplianceCurve:
+    """Factor on one compliance over the load of its spring."""
+
+    segment: str  # its name, of the robot or of the end effector
+    direction: int  # 0..5 of `tx ty tz rx ry rz`
+    loads: tuple[float, ...]  # (k,) N or N m, rising; the sign is that of the load in the frame of the segment
+    factors: tuple[float, ...]  # (k,) on the compliance at these loads
+
+    def integral(self, load: Float) -> Float:
+        """Displacement over the compliance, from the lowest load of the curve: the integral of f.
+
+        Args:
+            load: (...) N or N m.
+
+        Returns:
+            (...) N or N m.
+        """
+        x, f = np.array(self.loads), np.array(self.factors)
+        area = np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * np.diff(x))])
+        k = np.clip(np.searchsorted(x, load, side="right") - 1, 0, len(x) - 2)
+        inside = np.clip(load, x[0], x[-1])
+        slope = (f[k + 1] - f[k]) / (x[k + 1] - x[k])
+        step = inside - x[k]
+        beyond = f[0] * np.minimum(load - x[0], 0.0) + f[-1] * np.maximum(load - x[-1], 0.0)
+        out: Float = area[k] + f[k] * step + 0.5 * slope * step**2 + beyond
+        return out
+
+    def secant(self, weight: Float, load: Float) -> Float:
+        """Mean factor while a load is put on a spring that carries another: what the load moves is c times this.
+
+        Args:
+            weight: (...) N or N m, carried before and after.
+            load: (...) N or N m, put on.
+
+        Returns:
+            (...) mean of f from ``weight`` to ``weight + load``; f itself where the load is zero.
+        """
+        small = _SMALL * max(abs(self.loads[0]), abs(self.loads[-1]))
+        tiny = np.abs(load) < small
+        put = np.where(tiny, 1.0, load)
+        mean = (self.integral(weight + put) - self.integral(weight)) / put
+        out: Float = np.where(tiny, np.interp(weight + 0.5 * load, self.loads, self.factors), mean)
+        return out
+
+    def times(self, other: ComplianceCurve) -> ComplianceCurve:
+        """The product with another curve of the same spring, at the loads of both (the most that a curve may have)."""
+        x = np.unique(np.concatenate([self.loads, other.loads]))
+        if len(x) > LOADS[1]:
+            # Too many loads for one curve: thinned by their number, so that they stay dense where they were.
+            x = np.interp(np.linspace(0.0, 1.0, LOADS[1]), np.linspace(0.0, 1.0, len(x)), x)
+        factors = np.interp(x, self.loads, self.factors) * np.interp(x, other.loads, other.factors)
+        return ComplianceCurve(self.segment, self.direction, tuple(x.tolist()), tuple(factors.tolist()))
+
+
+def secants(curves: Sequence[ComplianceCurve], names: Sequence[str], weight: Float, load: Float) -> Float:
+    """Mean factors on all compliances of a chain while a load is put on.
+
+    Args:
+        curves: Any number, one for a spring.
+        names: n segments of the chain.
+        weight: (..., n, 6) N, N m of each segment, carried before and after.
+        load: (..., n, 6) N, N m put on.
+
+    Returns:
+        (..., n, 6): 1 where no curve acts.
+    """
+    out = np.ones(load.shape)
+    for curve in curves:
+        at = (..., list(names).index(curve.segment), curve.direction)
+        out[at] = curve.secant(weight[at], load[at])
+    return out
+
 
 RIGID: Float = np.zeros(6)
 RIGID.flags.writeable = False
@@ -54,6 +152,30 @@ class Counterbalance:
     piston_area_m2: float  # A (annulus: piston minus rod)
     gas_constant_j: float  # Z R T m in J
     gas_volume_max_m3: float  # v_max
+
+    def torque(self, q_joint: Float | float) -> Float:
+        """Torque of the gas cylinder on its axis, positive in the positive direction of the controller angle.
+
+        With ``d = q - q_min_force``: ``dl = sqrt(D^2 + k^2 - 2 D k cos d) - (D - k)``, lever ``h = D k sin d / (dl + D
+        - k)``, gas pressure ``p = Z R T m / (V_max - dl A)``, torque ``-h p A``: it pulls back towards ``q_min_force``.
+
+        Args:
+            q_joint: (...) rad, controller angle of the axis it acts on.
+
+        Returns:
+            (...) N m.
+
+        Source: gas cylinder between column and link arm of KUKA KR QUANTEC robots, J. Weigand, Robot_Identification
+        (2021).
+        """
+        d = np.asarray(q_joint, dtype=np.float64) - self.q_min_force_rad
+        long, short = self.anchor_column_m, self.anchor_arm_m
+        length = np.sqrt(long**2 + short**2 - 2.0 * long * short * np.cos(d))
+        lever = long * short * np.sin(d) / length
+        stroke = length - (long - short)
+        pressure = self.gas_constant_j / (self.gas_volume_max_m3 - stroke * self.piston_area_m2)
+        out: Float = -lever * pressure * self.piston_area_m2
+        return out
 
 
 @dataclass(frozen=True)
@@ -106,6 +228,10 @@ class Opw:
     offsets_rad: tuple[float, ...]
     signs: tuple[int, ...]
 
+    def reach_m(self) -> float:
+        """Largest distance of the wrist from axis 2, m: upper arm and forearm in one line."""
+        return float(self.c2_m + np.hypot(self.c3_m, self.a2_m))
+
 
 @dataclass(frozen=True)
 class Robot:
@@ -128,6 +254,48 @@ class Robot:
     joint_accelerations_rad_s2: Float | None = None  # (6,) largest, or None
     axes: ControllerAxes = AS_MODEL  # how its controller counts the axes, see controller_axes
 
+    @classmethod
+    def from_dh(cls, name: str, rows: Sequence[DhRow], convention: Convention = "standard") -> Robot:
+        """Build a robot from its DH rows.
+
+        ``rows``: six, from the base outward; ``convention``: of the rows, see the module.
+
+        Returns:
+            The robot; rigid, without closed-form inverse kinematics.
+
+        Raises:
+            ModelError: Not six rows, or a convention that does not exist.
+        """
+        if len(rows) != AXES:
+            raise ModelError("a robot has six axes", where=name, value=f"{len(rows)} DH rows", limit=AXES)
+        if convention not in ("standard", "modified"):
+            raise ModelError("unknown DH convention", where=name, value=convention, limit="standard or modified")
+        segments = []
+        before = np.eye(4)
+        for i, row in enumerate(rows):
+            normal = pose.make(p=np.array([row.a_m, 0.0, 0.0])) @ pose.make(_about_x(row.alpha_rad))
+            along = pose.make(p=np.array([0.0, 0.0, row.d_m]))
+            if convention == "modified":
+                before = before @ pose.make(_about_x(row.alpha_rad)) @ pose.make(p=np.array([row.a_m, 0.0, 0.0]))
+            segments.append(
+                Segment(
+                    name=f"axis{i + 1}",
+                    T_prev_seg=frozen(before),
+                    joint=i,
+                    sign=row.sign,
+                    offset_rad=row.offset_rad,
+                    mass_kg=row.mass_kg,
+                    p_seg_com=np.array(row.p_axis_com, dtype=np.float64),
+                )
+            )
+            before = along @ normal if convention == "standard" else along
+        return cls(
+            name=name,
+            segments=tuple(segments),
+            T_last_flange=frozen(before),
+            joint_limits_rad=np.array([row.limits_rad for row in rows], dtype=np.float64),
+        )
+
 
 @dataclass(frozen=True)
 class EndEffector:
@@ -135,3 +303,29 @@ class EndEffector:
 
     segments: tuple[Segment, ...]  # from the flange outward; the first `T_prev_seg` is given in the flange frame
     T_last_tcp: Float  # (4, 4) tool centre point in the last segment's frame (in the flange where there is no segment)
+
+
+AXES: Final = 6
+Convention = Literal["standard", "modified"]
+
+
+@dataclass(frozen=True)
+class DhRow:
+    """One axis."""
+
+    a_m: float  # length of the common normal
+    d_m: float  # offset along the axis
+    alpha_rad: float  # twist about the common normal
+    offset_rad: float = 0.0  # see `sign`
+    sign: float = 1.0  # +1 or -1; `theta = sign q + offset_rad`
+    limits_rad: tuple[float, float] = (-np.pi, np.pi)  # lower and upper limit of the angle that the controller shows
+    mass_kg: float = 0.0  # mass of the body that the axis carries
+    # (3,) m, its centre of gravity in the frame `axisN` (z along the axis, turning with it)
+    p_axis_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def _about_x(angle: float) -> Float:
+    """Turn about x; exact where it is a multiple of a quarter turn."""
+    R = rotation.about_x(angle)
+    quarter = angle / (0.5 * np.pi)
+    return np.rint(R) + 0.0 if abs(quarter - round(quarter)) < 1e-12 else R

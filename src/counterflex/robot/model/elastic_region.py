@@ -15,8 +15,7 @@ import numpy as np
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG
-from counterflex.robot.model.compliance_curve import LOADS, ComplianceCurve
-from counterflex.robot.model.description import ElasticRegion
+from counterflex.robot.model.description import LOADS, ComplianceCurve, ElasticRegion
 
 FADE_RAD: Final = 10.0 * DEG
 """Angle beyond the given ones over which a factor fades to 1."""

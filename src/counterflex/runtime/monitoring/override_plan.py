@@ -1,7 +1,7 @@
 """At which speed can the correction follow? The plan is driven through limits, dead time and lag of the correction.
 
 The correction that the plan wants at every place is commanded ahead of time, as the loop does: shaped for what it
-passes (:class:`counterflex.signals.ahead.Ahead`), or read ahead by the lead. It goes through limits of speed and
+passes (:class:`counterflex.signals.preview.Ahead`), or read ahead by the lead. It goes through limits of speed and
 acceleration, the dead time and the second-order lag of the robot's answer, and the arm's mode where it is known. What
 is missing of it where and when it is needed, taken over the uncertainty of timing, is the remaining error. Where it is
 beyond the tolerance the program goes slower: everything then changes more slowly in time, while lag and limits stay,
@@ -27,9 +27,8 @@ from counterflex.core.jit import kernel
 from counterflex.core.records import Records, record, records
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.settings import OnlineSettings, robot_answer
-from counterflex.signals.ahead import Ahead
 from counterflex.signals.limiter import limited_step
-from counterflex.signals.preview import Mode
+from counterflex.signals.preview import Ahead, Mode
 
 ROUNDS: Final = 12
 _LONGEST_S: Final = 7200.0

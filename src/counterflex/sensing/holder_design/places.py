@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
-from counterflex.geometry import wrench
+from counterflex.geometry import pose
 from counterflex.geometry.rotation import skew
 from counterflex.sensing.holder_design.bricks import MirroredBody, Solved, solve
 from counterflex.sensing.holder_design.drawing import BRICKS, LEAST_GAP_M, Drawing, Pocket
@@ -61,7 +61,7 @@ def behaviour(
     for side, A in motions.items():
         A[:3, 3:] = -skew(np.array([0.5 * side * beam.distance_m, 0.0, 0.0]))
     ring = np.linalg.inv(sum(A.T @ solved[side].stiffness @ A for side, A in motions.items()))
-    at_ring = np.stack([wrench.shift(w, np.array([0.0, 0.0, -beam.length_m])) for w in np.eye(6)], axis=1)
+    at_ring = np.stack([pose.shift_wrench(w, np.array([0.0, 0.0, -beam.length_m])) for w in np.eye(6)], axis=1)
     pockets = drawing.pockets if cut else ()
     sensitivity = np.zeros((len(pockets), 6))
     for k, pocket in enumerate(pockets):
@@ -150,6 +150,46 @@ class Chosen:
     cut: Behaviour
     trials: int  # how often the finite elements were asked
 
+    @classmethod
+    def of(
+        cls, drawing: Drawing, count: int, lost_share: float, mesh_m: float, noise: float, *, bricks: int = BRICKS
+    ) -> Chosen:
+        """Choose places for ``count`` pockets like the first of the drawing.
+
+        ``max log det(K^T K)`` with ``K`` the strain per newton at the tool tip, ``s_plain`` by beam theory times the
+        gain of the pocket, and ``sum_k kappa_d s_kd^2 <= lost_share`` for each direction d: the compliance that a small
+        pocket adds goes with the square of the strain where it is cut. Gain and kappa come from finite elements of the
+        present drawing, and again from the choice until it keeps the limit.
+
+        ``count``: Bridges, 3 to 12. ``lost_share``: Largest share of the stiffness at the tool tip that may be lost,
+        any direction, 0 .. 1. ``bricks``: Fewest over every pocket and the wall behind it. Raises InputError: no
+        pockets, a number out of range, or no choice within the limit.
+        """
+        if not drawing.pockets:
+            raise InputError("the drawing has no pocket to take as the pattern", hint="Give one table [[pockets]]")
+        if not 3 <= count <= 12 or not 0.0 < lost_share < 1.0:
+            raise InputError("choice of places", value=(count, lost_share), limit="3 .. 12 bridges, a share 0 .. 1")
+        places = candidates(drawing, drawing.pockets[0])
+        surface = _surface_strain(drawing, places)
+        now, limit = drawing, lost_share
+        for trial in range(1, _TRIALS + 1):
+            plain, cut = (behaviour(now, mesh_m, noise, cut=c, bricks=bricks) for c in (False, True))
+            lost = lost_stiffness(plain, cut)
+            if trial > 1 and np.all(lost <= lost_share):
+                return cls(now, plain, cut, trial)
+            gain = float(np.median(np.abs(gain_by_pocket(now, cut))))
+            own = _surface_strain(drawing, now.pockets)
+            kappa = np.maximum(lost, 0.0) / np.maximum(np.sum(own**2, axis=0), 1e-300)
+            if trial > 1:
+                limit *= lost_share / float(np.max(lost))
+            now = replace(drawing, pockets=_exchange(places, gain * surface, surface**2 * kappa, count, limit))
+        raise InputError(
+            "no choice of places keeps the limit of lost stiffness",
+            value=f"{100.0 * float(np.max(lost)):.1f} %",
+            limit=f"{100.0 * lost_share:g} %",
+            hint="Make the pockets shallower, fewer, or allow more",
+        )
+
 
 def candidates(drawing: Drawing, template: Pocket) -> tuple[Pocket, ...]:
     """Pockets like ``template`` on both faces of both cheeks, five places along and up to five across each."""
@@ -160,46 +200,6 @@ def candidates(drawing: Drawing, template: Pocket) -> tuple[Pocket, ...]:
     return tuple(
         replace(template, side=side, outer=outer, y_m=y, z_m=z)
         for side, outer, y, z in product((-1, 1), (True, False), ys, zs)
-    )
-
-
-def choose(
-    drawing: Drawing, count: int, lost_share: float, mesh_m: float, noise: float, *, bricks: int = BRICKS
-) -> Chosen:
-    """Choose places for ``count`` pockets like the first of the drawing.
-
-    ``max log det(K^T K)`` with ``K`` the strain per newton at the tool tip, ``s_plain`` by beam theory times the gain
-    of the pocket, and ``sum_k kappa_d s_kd^2 <= lost_share`` for each direction d: the compliance that a small pocket
-    adds goes with the square of the strain where it is cut. Gain and kappa come from finite elements of the present
-    drawing, and again from the choice until it keeps the limit.
-
-    ``count``: Bridges, 3 to 12. ``lost_share``: Largest share of the stiffness at the tool tip that may be lost, any
-    direction, 0 .. 1. ``bricks``: Fewest over every pocket and the wall behind it. Raises InputError: no pockets, a
-    number out of range, or no choice within the limit.
-    """
-    if not drawing.pockets:
-        raise InputError("the drawing has no pocket to take as the pattern", hint="Give one table [[pockets]]")
-    if not 3 <= count <= 12 or not 0.0 < lost_share < 1.0:
-        raise InputError("choice of places", value=(count, lost_share), limit="3 .. 12 bridges, a share 0 .. 1")
-    places = candidates(drawing, drawing.pockets[0])
-    surface = _surface_strain(drawing, places)
-    now, limit = drawing, lost_share
-    for trial in range(1, _TRIALS + 1):
-        plain, cut = (behaviour(now, mesh_m, noise, cut=c, bricks=bricks) for c in (False, True))
-        lost = lost_stiffness(plain, cut)
-        if trial > 1 and np.all(lost <= lost_share):
-            return Chosen(now, plain, cut, trial)
-        gain = float(np.median(np.abs(gain_by_pocket(now, cut))))
-        own = _surface_strain(drawing, now.pockets)
-        kappa = np.maximum(lost, 0.0) / np.maximum(np.sum(own**2, axis=0), 1e-300)
-        if trial > 1:
-            limit *= lost_share / float(np.max(lost))
-        now = replace(drawing, pockets=_exchange(places, gain * surface, surface**2 * kappa, count, limit))
-    raise InputError(
-        "no choice of places keeps the limit of lost stiffness",
-        value=f"{100.0 * float(np.max(lost)):.1f} %",
-        limit=f"{100.0 * lost_share:g} %",
-        hint="Make the pockets shallower, fewer, or allow more",
     )
 
 

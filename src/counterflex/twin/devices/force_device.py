@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
 from counterflex.twin.network.faults import FaultSchedule
 
 Address = tuple[str, int]
@@ -27,6 +28,17 @@ class ForceStart:
     values: Mapping[str, float | int | str | bool] = field(default_factory=dict)
     frame: object = None  # of ``[sensor.frame]``, see Opening
     where: str = ""  # cell file, for messages
+
+    def peer(self, protocol: str) -> tuple[str, int]:
+        """Address that the device sends to."""
+        if self.port == 0:
+            raise InputError(
+                "where the force sensor sends to is not said",
+                where=self.where,
+                value=f'protocol = "{protocol}"',
+                hint="Give force_sensor.address (--scenario), the same as for counterflex run",
+            )
+        return self.host, self.port
 
 
 class ForceDevice(Protocol):

@@ -22,11 +22,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError, SimulationError
 from counterflex.core.jit import compile_stated
 from counterflex.core.progress import Progress, silent
-from counterflex.twin.devices.commanded_motion import Report
+from counterflex.twin.devices.commanded_motion import Report, RobotController
 from counterflex.twin.devices.exact_robot import ControlledRobot
-from counterflex.twin.devices.robot_controller import RobotController
-from counterflex.twin.network.faults import FaultSchedule
-from counterflex.twin.network.faulty_line import FaultyLine
+from counterflex.twin.network.faults import FaultSchedule, FaultyLine
 
 FAULTS: Final = ("silent", "dying", "counter")
 """Faults of the instrument itself that the controller can show."""
@@ -34,8 +32,7 @@ _AGAIN_S: Final = 0.05
 _MOST_REFUSED: Final = 200
 """Telegrams in a row to a port that is closed before the sensor program counts as gone; a controller's own time-out
 comes first."""
-_LONGEST_ALONE_S: Final = 15.0
-"""Lockstep: likewise, without an answer for so long."""
+_LONGEST_ALONE_S: Final = 15.0  # Lockstep: likewise, without an answer for so long
 _LATEST: Final = 0.5  # of a cycle: with less left for an answer, cycles are counted anew
 
 

@@ -51,17 +51,17 @@ class InstrumentClocks:
     correction: ClockedChannel  # sensor interface: from the correction given to the reference of the drives
     link_dead_time_s: float  # of the encoders on the links (the controller's clock)
 
+    @classmethod
+    def of(cls, laboratory: Laboratory) -> InstrumentClocks:
+        """The times of a laboratory's instruments."""
+        rng = laboratory.standing("clocks.setup")
+        about = partial(_about, rng)
+        feedback = ClockedChannel(about(8.0 * MS, 0.1), 0.0, 0.0, 0.0)
+        tracker = ClockedChannel(about(5.0 * MS, 0.3), about(3.0 * MS, 0.2), 0.05 * MS, 0.005)
+        tracker_clock = OtherClock(float(rng.uniform(-2.0, 2.0)), float(20.0 * _PPM * rng.standard_normal()))
+        correction = ClockedChannel(about(16.0 * MS, 0.15), about(45.0 * MS, 0.15), 0.0, 0.0)
+        return cls(feedback, tracker, tracker_clock, correction, about(2.8 * MS, 0.05))
+
 
 def _about(rng: np.random.Generator, value: float, spread: float) -> float:
     return float(value * math.exp(spread * rng.standard_normal()))
-
-
-def instrument_clocks(laboratory: Laboratory) -> InstrumentClocks:
-    """The times of a laboratory's instruments."""
-    rng = laboratory.standing("clocks.setup")
-    about = partial(_about, rng)
-    feedback = ClockedChannel(about(8.0 * MS, 0.1), 0.0, 0.0, 0.0)
-    tracker = ClockedChannel(about(5.0 * MS, 0.3), about(3.0 * MS, 0.2), 0.05 * MS, 0.005)
-    tracker_clock = OtherClock(float(rng.uniform(-2.0, 2.0)), float(20.0 * _PPM * rng.standard_normal()))
-    correction = ClockedChannel(about(16.0 * MS, 0.15), about(45.0 * MS, 0.15), 0.0, 0.0)
-    return InstrumentClocks(feedback, tracker, tracker_clock, correction, about(2.8 * MS, 0.05))

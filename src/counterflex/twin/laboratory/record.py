@@ -16,7 +16,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
 from counterflex.core.units import MS, UM, URAD
-from counterflex.twin.laboratory.instrument_clocks import ClockedChannel, OtherClock, instrument_clocks
+from counterflex.twin.laboratory.instrument_clocks import ClockedChannel, InstrumentClocks, OtherClock
 from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.drives import first_order_lag
 from counterflex.twin.plant.plant import STEP_S, Plant
@@ -52,7 +52,7 @@ def measure(order: Order) -> Measured:
     if len(t) < 100 or np.ptp(np.diff(t)) > 1e-6:
         raise InputError("a record needs even steps of time", value=len(t), limit=">= 100 rows")
     cycle = float((t[-1] - t[0]) / (len(t) - 1))
-    times = instrument_clocks(laboratory)
+    times = InstrumentClocks.of(laboratory)
     reference = q
     if through == "correction":
         reference = q[0] + _late(t, q - q[0], t, times.correction)

@@ -14,7 +14,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MS, URAD
-from counterflex.twin.laboratory.instrument_clocks import instrument_clocks
+from counterflex.twin.laboratory.instrument_clocks import InstrumentClocks
 from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.plant import STEP_S, Plant
 
@@ -56,7 +56,7 @@ def measure(order: Order) -> Measured:
         raise InputError("axis or speed of a reversal", value=f"{axes.tolist()}, {speeds.tolist()}")
     noise = laboratory.noise(f"reversals.{seen_by}")
     scale = 1.0 + TORQUE_SHARE * laboratory.standing("reversals.torque").standard_normal(6)
-    times = instrument_clocks(laboratory)
+    times = InstrumentClocks.of(laboratory)
     late = times.link_dead_time_s if seen_by == "link" else times.tracker.dead_time_s + times.tracker.lag_s
     plant = Plant(truth)
     parts: list[dict[str, Float]] = []

@@ -49,51 +49,52 @@ class TrackedProgram:
     Ts_part_tcp: Float  # (n, 4, 4) m, the tool in the part frame as registered, with the noise of the readings
     sigma_m: float  # standard deviation of a position, per axis
 
+    @classmethod
+    def of(
+        cls,
+        path: ToolPath,
+        *,
+        truth: Truth,
+        laboratory: Laboratory,
+        controller: Controller,
+        cutter: Cutter | Mapping[int, Cutter],
+        datum_points_part: Float | None = None,
+        cycles: int = 1,
+        progress: Progress,
+    ) -> TrackedProgram:
+        """Run a program several times without a blank and log it.
 
-def track(
-    path: ToolPath,
-    *,
-    truth: Truth,
-    laboratory: Laboratory,
-    controller: Controller,
-    cutter: Cutter | Mapping[int, Cutter],
-    datum_points_part: Float | None = None,
-    cycles: int = 1,
-    progress: Progress,
-) -> TrackedProgram:
-    """Run a program several times without a blank and log it.
+        ``cycles``: How often the program runs, without a pause. ``progress``: Progress callback, fraction 0 to 1.
 
-    ``cycles``: How often the program runs, without a pause. ``progress``: Progress callback, fraction 0 to 1.
-
-    Raises:
-        InputError: The program is empty, or runs less than once.
-        ReachError: The robot cannot reach it.
-        SimulationError: The simulated cell left its physical range.
-    """
-    if cycles < 1:
-        raise InputError("cycles of a program", value=cycles, limit=">= 1")
-    record = simulate(
-        repeated(path, cycles),
-        truth=truth,
-        controller=controller,
-        stock=_nothing_below(path),
-        cutter=cutter,
-        datum_points_part=datum_points_part,
-        skip_air=False,
-        progress=progress,
-    )
-    noise = laboratory.noise("tracked_program")
-    each = laboratory.tracker_m / np.sqrt(READINGS)
-    centre = record.p_part_command.mean(axis=0)
-    points = centre + _ABOUT_M * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])
-    T_registered, _ = pose.register(points, points + each * noise.standard_normal((5, 3)))
-    target_off = each * noise.standard_normal(3)
-    n = len(record.time_s)
-    command = controller.tool_poses(record.p_part_command, np.tile([0.0, 0.0, 1.0], (n, 1)))
-    Rs = rotation.exp(record.tilt_part) @ command[:, :3, :3]
-    p = record.p_part_tcp + Rs @ target_off + laboratory.tracker_m * noise.standard_normal((n, 3))
-    measured = pose.make(rotation.exp(laboratory.tracker_rad * noise.standard_normal((n, 3))) @ Rs, p)
-    return TrackedProgram(record.time_s, T_registered @ measured, laboratory.tracker_m)
+        Raises:
+            InputError: The program is empty, or runs less than once.
+            ReachError: The robot cannot reach it.
+            SimulationError: The simulated cell left its physical range.
+        """
+        if cycles < 1:
+            raise InputError("cycles of a program", value=cycles, limit=">= 1")
+        record = simulate(
+            repeated(path, cycles),
+            truth=truth,
+            controller=controller,
+            stock=_nothing_below(path),
+            cutter=cutter,
+            datum_points_part=datum_points_part,
+            skip_air=False,
+            progress=progress,
+        )
+        noise = laboratory.noise("tracked_program")
+        each = laboratory.tracker_m / np.sqrt(READINGS)
+        centre = record.p_part_command.mean(axis=0)
+        points = centre + _ABOUT_M * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1.0]])
+        T_registered, _ = pose.register(points, points + each * noise.standard_normal((5, 3)))
+        target_off = each * noise.standard_normal(3)
+        n = len(record.time_s)
+        command = controller.tool_poses(record.p_part_command, np.tile([0.0, 0.0, 1.0], (n, 1)))
+        Rs = rotation.exp(record.tilt_part) @ command[:, :3, :3]
+        p = record.p_part_tcp + Rs @ target_off + laboratory.tracker_m * noise.standard_normal((n, 3))
+        measured = pose.make(rotation.exp(laboratory.tracker_rad * noise.standard_normal((n, 3))) @ Rs, p)
+        return cls(record.time_s, T_registered @ measured, laboratory.tracker_m)
 
 
 def repeated(path: ToolPath, cycles: int) -> ToolPath:

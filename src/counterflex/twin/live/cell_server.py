@@ -11,16 +11,16 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN
+from counterflex.twin.devices.commanded_motion import RobotController
+from counterflex.twin.devices.datagram_sender import TrackerSender
 from counterflex.twin.devices.force_device import ForceDevice
-from counterflex.twin.devices.robot_controller import RobotController
 from counterflex.twin.devices.robot_server import RobotServer
 from counterflex.twin.devices.strain import StrainSender
-from counterflex.twin.devices.tracker import TrackerSender
 from counterflex.twin.laboratory.laboratory import Laboratory
 from counterflex.twin.live.live_cell import LiveCell
 from counterflex.twin.network.faults import FaultSchedule
 from counterflex.twin.plant.force_sensor import ForceSensor
-from counterflex.twin.plant.strain_stream import StrainStream
+from counterflex.twin.plant.strain_holder import StrainStream
 
 _STEPS_PER_SAMPLE = 2  # integration steps of 0.5 ms per sample of the instruments: 1 kHz
 

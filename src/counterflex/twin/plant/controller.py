@@ -156,6 +156,34 @@ class CommandedReference:
     source: Int  # (n,) row of the tool path
     turned_rad: Float | None = None  # (n,) rotation about the tool axis, or None where it is constant
 
+    @classmethod
+    def interpolated(cls, path: ToolPath, controller: Controller) -> CommandedReference:
+        """Run a tool path on the controller.
+
+        ``path``: In the part frame; at least two points. Returns references at the interpolation cycle; speeds are
+        central differences. Raises InputError: the path has fewer than two points. Raises ReachError: see
+        :meth:`Controller.joints`.
+        """
+        if len(path) < 2:
+            raise InputError("a tool path of fewer than two points cannot be run", value=len(path), limit=">= 2")
+        track = build_track(
+            path,
+            blending_m=controller.blending_m,
+            rapid_m_s=controller.rapid_m_s,
+            acceleration_m_s2=controller.acceleration_m_s2,
+        )
+        t, p, axis, source = track.timed(controller.acceleration_m_s2, controller.cycle_s)
+        if len(t) < 2:
+            raise InputError("the tool path does not move", value=len(path))
+        turned = _turned(path, controller, track)
+        q = controller.joints(p, axis, turned)
+        if controller.smoothing_s > 0.0:
+            q = moving_mean(q, max(1, round(controller.smoothing_s / controller.cycle_s)))
+        if controller.following_gain_per_s is not None:
+            q = first_order_lag(q, controller.cycle_s, controller.following_gain_per_s)
+        qd: Float = np.gradient(q, controller.cycle_s, axis=0)
+        return cls(time_s=t, p_part_command=p, axis_part=axis, q_ref=q, qd_ref=qd, source=source, turned_rad=turned)
+
 
 def as_it_is(controller: Controller, kind: ControllerKind | None) -> Controller:
     """The controller with what it makes of programs beside what it was told; the same where that is None."""
@@ -194,33 +222,3 @@ def _turned(path: ToolPath, controller: Controller, track: Track) -> Float | Non
     segment, share = track.places(controller.acceleration_m_s2, controller.cycle_s)
     out: Float = (1.0 - share) * at[segment] + share * at[segment + 1]
     return out
-
-
-def interpolate(path: ToolPath, controller: Controller) -> CommandedReference:
-    """Run a tool path on the controller.
-
-    ``path``: In the part frame; at least two points. Returns references at the interpolation cycle; speeds are central
-    differences. Raises InputError: the path has fewer than two points. Raises ReachError: see
-    :meth:`Controller.joints`.
-    """
-    if len(path) < 2:
-        raise InputError("a tool path of fewer than two points cannot be run", value=len(path), limit=">= 2")
-    track = build_track(
-        path,
-        blending_m=controller.blending_m,
-        rapid_m_s=controller.rapid_m_s,
-        acceleration_m_s2=controller.acceleration_m_s2,
-    )
-    t, p, axis, source = track.timed(controller.acceleration_m_s2, controller.cycle_s)
-    if len(t) < 2:
-        raise InputError("the tool path does not move", value=len(path))
-    turned = _turned(path, controller, track)
-    q = controller.joints(p, axis, turned)
-    if controller.smoothing_s > 0.0:
-        q = moving_mean(q, max(1, round(controller.smoothing_s / controller.cycle_s)))
-    if controller.following_gain_per_s is not None:
-        q = first_order_lag(q, controller.cycle_s, controller.following_gain_per_s)
-    qd: Float = np.gradient(q, controller.cycle_s, axis=0)
-    return CommandedReference(
-        time_s=t, p_part_command=p, axis_part=axis, q_ref=q, qd_ref=qd, source=source, turned_rad=turned
-    )

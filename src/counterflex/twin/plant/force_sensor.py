@@ -14,7 +14,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
-from counterflex.geometry import pose, rotation, wrench
+from counterflex.geometry import pose, rotation
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.slow_changes import Hose, hose_of
 from counterflex.twin.truth.truth import Truth
@@ -46,15 +46,15 @@ class ForceSensor:
         T_base_sensor = plant.body_pose(self.segment) @ self.T_seg_sensor
         T_sensor_base = pose.inverse(T_base_sensor)
         T_base_carried = plant.body_pose(self.carried)
-        w = wrench.carry(T_sensor_base @ T_base_carried, plant.section_wrench(self.carried))
+        w = pose.carry_wrench(T_sensor_base @ T_base_carried, plant.section_wrench(self.carried))
         pack = plant.truth.other.hose
         if pack is not None:  # the hose that loads the arm is the one that the sensor feels
             arm, tool = pack.arm_body, plant.truth.bodies[-1].name
             place, pull = hose_of(pack).on_tool(plant.body_pose(arm), plant.body_pose(tool), gravity_base)
-            w = w + wrench.carry(T_sensor_base @ pose.make(p=place), pull)
+            w = w + pose.carry_wrench(T_sensor_base @ pose.make(p=place), pull)
         elif self.hose is not None:
             place, pull = self.hose.on_tool(plant.body_pose(self.arm), T_base_carried, gravity_base)
-            w = w + wrench.carry(T_sensor_base @ pose.make(p=place), pull)
+            w = w + pose.carry_wrench(T_sensor_base @ pose.make(p=place), pull)
         return w
 
     def reading(self, w_true: Float, time_s: float, temperature_c: float) -> Float:

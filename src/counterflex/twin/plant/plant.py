@@ -13,15 +13,13 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError, SimulationError
 from counterflex.geometry import pose
-from counterflex.geometry.wrench import cross
-from counterflex.twin.plant.applied_forces import applied_forces
+from counterflex.geometry.pose import cross
 from counterflex.twin.plant.drives import gains
 from counterflex.twin.plant.friction import play_torque, slip_parameters
-from counterflex.twin.plant.loads import apply_loads, balance_parameters
-from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml
+from counterflex.twin.plant.loads import applied_forces, apply_loads, balance_parameters
+from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml, parts_of_step
 from counterflex.twin.plant.other_forces import OtherForces, PostureSprings
 from counterflex.twin.plant.slow_changes import SlowChanges
-from counterflex.twin.plant.step_length import on_axes, parts_of_step
 from counterflex.twin.truth.truth import Truth
 
 STEP_S = 0.5e-3
@@ -122,9 +120,9 @@ class Plant:
         gears, bristles, viscous = self._more.stiffest() if self._more is not None else np.zeros((3, 6))
         sprung, stuck = c.torsion >= 0, self._slip_stiffness[:, :-1].sum(axis=1) + bristles
         on_motor = self._slip_stiffness[:, -1] + self._pid[:, 0]
-        K = np.diag(self._springs.stiffest) + on_axes(c, self._sign, stuck, on_motor)
+        K = np.diag(self._springs.stiffest) + c.on_axes(self._sign, stuck, on_motor)
         K[c.torsion[sprung], c.torsion[sprung]] += gears[sprung]
-        drag = on_axes(c, self._sign, viscous, self._pid[:, 1])
+        drag = c.on_axes(self._sign, viscous, self._pid[:, 1])
         return parts_of_step(self._inertia_at, K, np.diag(self._model.dof_damping), drag, self.step_s)
 
     def _inertia_at(self, q: Float) -> Float:

@@ -9,8 +9,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
-from counterflex.path.run import Run
-from counterflex.path.toolpath import ToolPath
+from counterflex.path.toolpath import Run, ToolPath
 from counterflex.twin.plant.controller import CommandedReference
 from counterflex.twin.plant.turning.column_material import ColumnMaterial
 

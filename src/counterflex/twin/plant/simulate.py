@@ -12,9 +12,9 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.geometry import pose, wrench
+from counterflex.geometry import pose
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.twin.plant.controller import CommandedReference, Controller, as_it_is, interpolate
+from counterflex.twin.plant.controller import CommandedReference, Controller, as_it_is
 from counterflex.twin.plant.drives import first_order_lag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import StockCutting, as_ground
@@ -50,7 +50,7 @@ def load_on_hand(plant: Plant, process: StockCutting, T_base_tcp: Float | None) 
         return process.wrench(plant.p_base_tcp)
     process.T_base_part[:3, :3], process.T_base_part[:3, 3] = plant.R_base_tcp, plant.p_base_tcp
     on_tool = process.wrench(T_base_tcp[:3, 3].copy())
-    return -wrench.shift(on_tool, T_base_tcp[:3, 3] - plant.p_base_tcp)
+    return -pose.shift_wrench(on_tool, T_base_tcp[:3, 3] - plant.p_base_tcp)
 
 
 # Where the part really lies once its frame has been measured with the robot itself.
@@ -135,7 +135,7 @@ def simulate(
     if substeps < 1 or abs(substeps * step_s - controller.cycle_s) > 1e-9:
         raise InputError("integration step does not divide the controller's cycle", value=step_s)
     running = as_it_is(controller, truth.other.controller)
-    reference = _as_driven(interpolate(path, running), truth, controller.cycle_s)
+    reference = _as_driven(CommandedReference.interpolated(path, running), truth, controller.cycle_s)
     plant = Plant(truth, step_s=step_s)
     T_base_part, residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
     if datum_points_part is not None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose
-from counterflex.geometry.wrench import cross
+from counterflex.geometry.pose import cross
 from counterflex.twin.truth.other import HosePack
 from counterflex.twin.truth.truth import Truth
 

@@ -2,25 +2,31 @@
 
 The structure is a frame of beams; gauges sit a little off, their factors scatter, bolted joints and glue give
 hysteresis (slip elements on each bridge's strain), temperature leaves a rest, amplifiers add noise and a slow wander.
+
+Signals of the bridge amplifiers of the instrumented holder while the simulated cell works, sample by sample.
+
+The same holder as :class:`counterflex.twin.plant.strain_holder.InstrumentedHolder`, taken on in time: slip elements and
+wander have a memory, the holder warms up, a thermometer on it shows that with an error of its own.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
+from counterflex.geometry import pose
 from counterflex.geometry.rotation import skew
-
-# A spindle holder as a space frame of Timoshenko beam elements: strain at any point of its cheeks under load.
-# Other equations than a calibration's linear map or a drawing's prismatic cheeks: an elastic base plate and spindle
-# ring, cheeks that taper and differ in thickness, shear deformation, notches that weaken the sections they cut.
+from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.slow_changes import hose_of
 
 _KAPPA = 5.0 / 6.0
 
@@ -286,3 +292,71 @@ def compliance_at(frame: StrainFrame, p_holder_tcp: Float) -> Float:
     arm = p - np.array([0.0, 0.0, frame.shape.length_m])
     out: Float = np.concatenate([np.eye(3), -skew(arm)], axis=1) @ frame.compliance @ G
     return out
+
+
+WARM_K, WARM_S = 3.0, 900.0
+"""How much the holder warms up from the begin of a run on, and over which time: a spindle at work."""
+THERMOMETER_K: Final = 0.05
+
+
+class StrainStream:
+    """The amplifiers' side.
+
+    ``plant``: In which it is; the next body hangs on it. ``warm_k``: See :data:`WARM_K`.
+
+    Raises:
+        InputError: There is no such body, or nothing behind it.
+    """
+
+    def __init__(
+        self,
+        holder: InstrumentedHolder,
+        segment: str,
+        plant: Plant,
+        rng: np.random.Generator,
+        step_s: float = SAMPLE_S,
+        warm_k: float = WARM_K,
+    ) -> None:
+        names = [body.name for body in plant.truth.bodies]
+        if segment not in names[:-1]:
+            raise InputError("no spindle holder can sit there", value=segment, limit=", ".join(names[:-1]))
+        self._holder, self._segment, self._plant, self._rng = holder, segment, plant, rng
+        self._carried, self._step_s, self._warm_k = names[names.index(segment) + 1], step_s, warm_k
+        n = len(holder.zero)
+        self._limit: Float = np.array(HYSTERESIS_AT)[:, None]
+        self._slip: Float = np.zeros((len(HYSTERESIS_AT), n))
+        self._before: Float = np.zeros(n)
+        self._wander: Float = np.zeros(n)
+
+    def load(self) -> Float:
+        """(6,) N, N m on the holder about its origin in its axes: process, weight, inertia, hose, of this moment."""
+        plant = self._plant
+        T_holder_base = pose.inverse(plant.body_pose(self._segment))
+        w = pose.carry_wrench(T_holder_base @ plant.body_pose(self._carried), plant.section_wrench(self._carried))
+        pack = plant.truth.other.hose
+        if pack is not None:
+            arm, tool = plant.body_pose(pack.arm_body), plant.body_pose(plant.truth.bodies[-1].name)
+            place, pull = hose_of(pack).on_tool(arm, tool, plant.truth.gravity_base)
+            w = w + pose.carry_wrench(T_holder_base @ pose.make(p=place), pull)
+        out: Float = w
+        return out
+
+    def sample(self, load: Float, time_s: float) -> tuple[Float, float]:
+        """Strain that the amplifiers show and temperature that the thermometer shows.
+
+        ``load``: (6,) N, N m, mean of :meth:`load` since the last sample. Returns (n,) dimensionless, deg C.
+        """
+        holder, rng = self._holder, self._rng
+        still = holder.sensitivity @ load
+        self._slip = np.clip(self._slip + still - self._before, -self._limit, self._limit)
+        self._before = still
+        warmer = self._warm_k * -math.expm1(-time_s / WARM_S)
+        self._wander += WANDER * math.sqrt(self._step_s) * rng.standard_normal(len(still))
+        noise = NOISE * math.sqrt(SAMPLE_S / self._step_s) * rng.standard_normal(len(still))
+        strain = still + HYSTERESIS_SHARE * self._slip.sum(axis=0) + holder.zero + warmer * holder.per_kelvin
+        return strain + self._wander + noise, REFERENCE_C + warmer + THERMOMETER_K * float(rng.standard_normal())
+
+
+# A spindle holder as a space frame of Timoshenko beam elements: strain at any point of its cheeks under load.
+# Other equations than a calibration's linear map or a drawing's prismatic cheeks: an elastic base plate and spindle
+# ring, cheeks that taper and differ in thickness, shear deformation, notches that weaken the sections they cut.

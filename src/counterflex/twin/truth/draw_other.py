@@ -75,8 +75,7 @@ _EXPONENT: Final = (0.10, 0.40)
 """Exponents of Kienzle's law: 0.18 to 0.34 in tables of steel and aluminium, wider for r and a."""
 _EDGE_N_M: Final = ((2.0 * N_PER_MM, 8.0 * N_PER_MM), (3.0 * N_PER_MM, 12.0 * N_PER_MM), (0.0, 2.0 * N_PER_MM))
 _RUNOUT_M: Final = (5.0 * UM, 20.0 * UM)
-_GAS: Final = (0.6, 1.0)
-"""What is left of a counterbalance's gas: cylinders lose it and are refilled in service."""
+_GAS: Final = (0.6, 1.0)  # What is left of a counterbalance's gas: cylinders lose it and are refilled in service
 _TOOLS: Final = 8
 
 

@@ -21,8 +21,7 @@ from counterflex.programs.program import TOOL_VECTOR, Block
 from counterflex.programs.robot_text.cell import RobotTextCell
 from counterflex.programs.robot_text.execution import Execution, tilted, with_axes
 from counterflex.programs.robot_text.process_words import ProcessWords
-from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.robot_text.stated import Stated, StatedPosture
+from counterflex.programs.robot_text.program import RobotProgram, Stated, StatedPosture
 from counterflex.programs.source_text import read_text
 
 _POSITION: Final = re.compile(r"\s*(P\d+)\s*=\s*\(([^()]*)\)\s*\((\d+)\s*,\s*-?\d+\)\s*", re.IGNORECASE)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class SimulatedMelfa:
-    """One session; see :class:`counterflex.twin.devices.robot_controller.RobotController`."""
+    """One session; see :class:`counterflex.twin.devices.commanded_motion.RobotController`."""
 
     guides, only_sends, feed_hold, override = False, False, False, 1.0
     late, stopped, refused, stat, enabled = 0, "", "", 0, False

@@ -11,8 +11,7 @@ import typer
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, line_of, print_result, print_table, progress_bar
-from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
+from counterflex.cli.output import MODEL_NOTE, MODEL_UM, keep_inputs, line_of, print_result, print_table, progress_bar
 from counterflex.core.units import DEG, MM
 
 if TYPE_CHECKING:

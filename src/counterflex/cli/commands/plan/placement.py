@@ -10,8 +10,18 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
-from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL, MODEL_NOTE, MODEL_UM, expected_text
+from counterflex.cli.output import (
+    EXPECTED_NOTE,
+    EXPECTED_UM,
+    MODEL,
+    MODEL_NOTE,
+    MODEL_UM,
+    expected_text,
+    keep_inputs,
+    print_table,
+    progress_bar,
+    say_written,
+)
 
 
 @with_records
@@ -91,8 +101,7 @@ def placement(
     box, axes = arguments.region(region or [], "--region")
     angles = arguments.numbers(turned, "--turned", 2)
     from counterflex.app.placement import operations_job, placement as job
-    from counterflex.app.placement.region import Wish
-    from counterflex.app.placement.spindle_mounting import Mounting
+    from counterflex.app.placement.region import Mounting, Wish
     from counterflex.core.errors import InputError
     from counterflex.plan.posture.cut_path import Surface
 

@@ -9,8 +9,17 @@ import typer
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
-from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
+from counterflex.cli.output import (
+    EXPECTED_NOTE,
+    EXPECTED_UM,
+    MODEL_UM,
+    expected_text,
+    keep_inputs,
+    print_json,
+    print_table,
+    progress_bar,
+    say_written,
+)
 from counterflex.core.units import DEG
 
 

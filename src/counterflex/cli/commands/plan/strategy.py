@@ -12,8 +12,17 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import AssumeClass, CellFile, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, line_of, print_result, print_table, progress_bar
-from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
+from counterflex.cli.output import (
+    EXPECTED_NOTE,
+    EXPECTED_UM,
+    MODEL_UM,
+    expected_text,
+    keep_inputs,
+    line_of,
+    print_result,
+    print_table,
+    progress_bar,
+)
 from counterflex.core.units import DEG, MM, PERCENT, RPM
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
-from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
+from counterflex.cli.output import MODEL_NOTE, MODEL_UM, keep_inputs, print_table, progress_bar, say_written
 
 
 @with_records

@@ -18,8 +18,7 @@ from counterflex.cli.commands.simulated.options import (
     print_start,
     require_not_abandoned,
 )
-from counterflex.cli.output import keep_inputs, print_json, progress_bar
-from counterflex.cli.scenario import Layers
+from counterflex.cli.output import Layers, keep_inputs, print_json, progress_bar
 
 
 def egm(

@@ -12,8 +12,7 @@ from counterflex.cli.arguments import address, argument, option
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import Fault, Seconds, say_force_device
-from counterflex.cli.output import print_json
-from counterflex.cli.scenario import Layers, host_port
+from counterflex.cli.output import Layers, host_port, print_json
 from counterflex.core.errors import InputError
 
 LoadFile = Annotated[

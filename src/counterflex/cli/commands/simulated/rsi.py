@@ -18,8 +18,7 @@ from counterflex.cli.commands.simulated.options import (
     print_start,
     require_not_abandoned,
 )
-from counterflex.cli.output import keep_inputs, print_result, progress_bar
-from counterflex.cli.scenario import Layers, host_port
+from counterflex.cli.output import Layers, host_port, keep_inputs, print_result, progress_bar
 from counterflex.core.errors import InputError
 
 

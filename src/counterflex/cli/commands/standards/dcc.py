@@ -200,7 +200,7 @@ def write(
     """
     keep_inputs(out, result, schema)
     if schema is not None:
-        from counterflex.files.certificate.schema_check import require_library
+        from counterflex.files.certificate.document import require_library
 
         require_library()
     from counterflex.app.certificate.write import write_document

@@ -13,7 +13,7 @@ import numpy as np
 from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.core.file_kind import of_bytes
+from counterflex.core.file_content import of_bytes
 from counterflex.core.units import MM, NS
 from counterflex.files.dataset.units import UNITS, factor
 from counterflex.files.logs.tracker_exports.point_table import PointTableLines, stamp_ns
@@ -204,31 +204,35 @@ class Readings:
     left_out: int  # Readings with a broken beam or marked inaccurate
     sigma_m: float  # Standard deviation of a position as stated, 0 where it is not
 
+    @classmethod
+    def read(cls, path: str | Path, name: str = OWN) -> Readings:
+        """Read a whole export.
+
+        Raises:
+            FileFormatError: Missing, not text, without readings, as the format's reader, or times that run backwards.
+        """
+        file, data = Path(path), file_content.content(path)
+        try:
+            text = data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = data.decode("cp1252", errors="replace")
+        foreign = of_bytes(data)
+        if foreign is not None or "\0" in text:
+            raise FileFormatError(
+                "not a text file", where=str(file), value=foreign, hint="Export the measurements as text"
+            )
+        if name == OWN and text.startswith("// SpatialAnalyzer"):
+            raise FileFormatError(
+                "this is an export of SpatialAnalyzer", where=str(file), hint="--format spatial-analyzer"
+            )
+        return collected(_measured(text.splitlines(), lines_of(name, str(file))), str(file))
+
 
 def lines_of(name: str, where: str) -> ExportLines:
     """A reader of lines. Raises FileFormatError: there is no such format."""
     if name not in FORMATS:
         raise FileFormatError("unknown format of a tracker's export", value=name, limit=", ".join(FORMATS))
     return FORMATS[name][0](where)
-
-
-def read_export(path: str | Path, name: str = OWN) -> Readings:
-    """Read a whole export.
-
-    Raises:
-        FileFormatError: Missing, not text, without readings, as the format's reader, or times that run backwards.
-    """
-    file, data = Path(path), file_content.content(path)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("cp1252", errors="replace")
-    foreign = of_bytes(data)
-    if foreign is not None or "\0" in text:
-        raise FileFormatError("not a text file", where=str(file), value=foreign, hint="Export the measurements as text")
-    if name == OWN and text.startswith("// SpatialAnalyzer"):
-        raise FileFormatError("this is an export of SpatialAnalyzer", where=str(file), hint="--format spatial-analyzer")
-    return collected(_measured(text.splitlines(), lines_of(name, str(file))), str(file))
 
 
 def _measured(lines: Iterable[str], reader: ExportLines) -> Iterator[TrackerPose]:

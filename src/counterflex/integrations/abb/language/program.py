@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.arrays import Float
-from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.robot_text.stated import Stated, StatedPosture, StatedTurns, turn_ranges
+from counterflex.programs.robot_text.program import RobotProgram, Stated, StatedPosture, StatedTurns
 
 _OFF: Final = re.compile(r"^(?:[^!\"]|\"[^\"]*\")*?\bConf([JL])\s*\\\s*Off\b", re.IGNORECASE)
 _QUARTER_DEG: Final = 90.0
@@ -80,7 +79,7 @@ class RapidMotion:
         quarters = None if self.target is None or self.word.upper() != "MOVEJ" else self.target.quarters
         if quarters is None:
             return None
-        return turn_ranges(quarters, _QUARTER_DEG, 0.0, f"cf1, cf4, cf6 {', '.join(map(str, quarters))}")
+        return StatedTurns.of(quarters, _QUARTER_DEG, 0.0, f"cf1, cf4, cf6 {', '.join(map(str, quarters))}")
 
 
 @dataclass(frozen=True, slots=True)

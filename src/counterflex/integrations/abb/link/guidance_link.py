@@ -15,15 +15,12 @@ from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.abb.link.link import EgmLink, put_pose
 from counterflex.integrations.abb.link.telegram import write_guidance
-from counterflex.path.stream import PoseStream
+from counterflex.path.path_speed import PoseStream
 from counterflex.runtime.state.supervisor import State, risen
 
-_PATIENCE: Final = 250
-"""Cycles for which a robot that is to start may stand elsewhere."""
-_REST: Final = 250
-"""Cycles that a robot waits before its path begins, where the loop is not armed."""
-_LAGGING_CYCLES: Final = 25
-"""Cycles for which it may not follow."""
+_PATIENCE: Final = 250  # Cycles for which a robot that is to start may stand elsewhere
+_REST: Final = 250  # Cycles that a robot waits before its path begins, where the loop is not armed
+_LAGGING_CYCLES: Final = 25  # Cycles for which it may not follow
 
 
 class Phase(IntEnum):

@@ -14,13 +14,11 @@ from counterflex.integrations.abb.link.link import EgmLink, put_pose
 from counterflex.integrations.abb.link.telegram import PATH_PERIOD_S, RobotState, write_path_correction
 from counterflex.runtime.state.supervisor import State
 
-_SHORTEST: Final = 2.0 * UM
-"""Motion from which a direction is taken."""
+_SHORTEST: Final = 2.0 * UM  # Motion from which a direction is taken
 _TURNED: Final = 3.0 * DEG
 """Turn of the path frame from one message to the next that needs a reason: it turns a correction by 0.05 of its size,
 for the largest one, 2 mm, a fifth of what the limiter admits in 24 ms. An arc of 15 mm at 25 mm/s turns by 2.3 deg."""
-_ZONE_M: Final = 2.0 * MM
-"""Way along the plan by which a corner is rounded, and the place is off."""
+_ZONE_M: Final = 2.0 * MM  # Way along the plan by which a corner is rounded, and the place is off
 
 
 class EgmPathLink(EgmLink):

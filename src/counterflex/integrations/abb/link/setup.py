@@ -28,8 +28,7 @@ from counterflex.integrations.abb.link.check import ExpectedEgm, check_egm
 from counterflex.integrations.abb.link.readme import readme
 from counterflex.protocols.finding import Finding
 
-_ZERO_S: Final = 1.0
-"""How long the program waits for the correction beyond what ramping it out takes."""
+_ZERO_S: Final = 1.0  # How long the program waits for the correction beyond what ramping it out takes
 
 
 @dataclass(frozen=True)

@@ -156,4 +156,4 @@ def fetch_scaling(host: str, port: int = 80, timeout_s: float = 3.0) -> netft.Sc
         ) from fault
     if len(document) >= _LONGEST_DOCUMENT:
         raise ProtocolError("the scaling document is far too long", where=where, value=f"{len(document)} bytes")
-    return netft.read_scaling(document, where)
+    return netft.Scaling.of(document, where)

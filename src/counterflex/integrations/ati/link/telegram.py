@@ -84,39 +84,39 @@ class Scaling:
     range_n: Three = (math.inf,) * 3  # (3,) N that it is calibrated for, by axis; infinite where it does not say
     range_nm: Three = (math.inf,) * 3  # (3,) N m, likewise
 
+    @classmethod
+    def of(cls, document: bytes, where: str = "netftapi2.xml") -> Scaling:
+        """Read the document that the sensor serves at ``/netftapi2.xml``.
 
-def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
-    """Read the document that the sensor serves at ``/netftapi2.xml``.
+        Counts per unit and the units are needed; name and rate are not: sensors differ in what else they tell.
 
-    Counts per unit and the units are needed; name and rate are not: sensors differ in what else they tell.
+        Raises:
+            ProtocolError: Not XML, a web page or compressed, a needed field missing or not a positive number, a unit
+                that is not known.
+        """
+        packed = document.startswith(b"\x1f\x8b")
+        if packed or b"<html" in document[:1000].lower():
+            raise ProtocolError(
+                f"this is {'compressed' if packed else 'a web page'}, not the scaling document of a force sensor",
+                where=where, value=repr(document[:40]), limit="the XML that a Net F/T serves at /netftapi2.xml",
+                hint="Is the address right, and no login page or proxy before the sensor?",
+            )  # fmt: skip
+        try:
+            root = fromstring(document)
+        except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
+            raise ProtocolError(f"not an XML document: {fault}", where=where) from fault
 
-    Raises:
-        ProtocolError: Not XML, a web page or compressed, a needed field missing or not a positive number, a unit that
-            is not known.
-    """
-    packed = document.startswith(b"\x1f\x8b")
-    if packed or b"<html" in document[:1000].lower():
-        raise ProtocolError(
-            f"this is {'compressed' if packed else 'a web page'}, not the scaling document of a force sensor",
-            where=where, value=repr(document[:40]), limit="the XML that a Net F/T serves at /netftapi2.xml",
-            hint="Is the address right, and no login page or proxy before the sensor?",
-        )  # fmt: skip
-    try:
-        root = fromstring(document)
-    except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
-        raise ProtocolError(f"not an XML document: {fault}", where=where) from fault
-
-    field = _Fields(root, where)
-    force, moment = field.unit("scfgfu", _NEWTON), field.unit("scfgtu", _NEWTON_METRE)
-    range_n, range_nm = _calibrated(field, force, moment)
-    return Scaling(
-        force_n=force / field.number("cfgcpf"),
-        moment_nm=moment / field.number("cfgcpt"),
-        rate_hz=field.rate(),
-        product=field.stated("prodname"),
-        range_n=range_n,
-        range_nm=range_nm,
-    )
+        field = _Fields(root, where)
+        force, moment = field.unit("scfgfu", _NEWTON), field.unit("scfgtu", _NEWTON_METRE)
+        range_n, range_nm = _calibrated(field, force, moment)
+        return cls(
+            force_n=force / field.number("cfgcpf"),
+            moment_nm=moment / field.number("cfgcpt"),
+            rate_hz=field.rate(),
+            product=field.stated("prodname"),
+            range_n=range_n,
+            range_nm=range_nm,
+        )
 
 
 @dataclass(frozen=True)

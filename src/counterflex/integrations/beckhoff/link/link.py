@@ -23,8 +23,7 @@ from counterflex.core.units import MS
 from counterflex.integrations.beckhoff.link import telegram as ads
 
 _RUN: Final = 5
-_LARGEST: Final = 500
-"""Symbols of one sum request that every TwinCAT answers."""
+_LARGEST: Final = 500  # Symbols of one sum request that every TwinCAT answers
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from counterflex.programs.language import Language, Signs
+from counterflex.programs.language import Language, Signs, StatementForms
 from counterflex.programs.limits import Limits
-from counterflex.programs.statement_forms import StatementForms
 
 LIMITS: Final = Limits(
     line_characters=255,

@@ -17,9 +17,11 @@ from counterflex.integrations.fanuc.language.program import (
     FanucPosition,
     FanucProgram,
     frame_of,
+    remarks,
+    short,
+    values_text,
     wpr_of,
 )
-from counterflex.integrations.fanuc.language.spelling import remarks, short, values_text
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import Limits

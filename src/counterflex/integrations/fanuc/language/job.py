@@ -12,7 +12,7 @@ from counterflex.app.conversion import emitter_settings
 from counterflex.app.robot_axes import part_in_world
 from counterflex.app.robot_programs import numbered_facts, refuse_held_part
 from counterflex.files.cell.cell import Cell
-from counterflex.integrations.fanuc.language.spelling import values_text
+from counterflex.integrations.fanuc.language.program import values_text
 from counterflex.integrations.fanuc.language.writer import FanucSettings, FanucWords, FanucWriter
 from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.convert.robot_languages import RobotEmitter

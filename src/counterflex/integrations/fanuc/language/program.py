@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+import numpy as np
+
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.programs.robot_text.program import NamedPoint, RobotProgram, Span, angles_zyx, frame_zyx
-from counterflex.programs.robot_text.stated import Stated, StatedPosture, StatedTurns, turn_ranges
+from counterflex.integrations.fanuc.language import LIMITS
+from counterflex.programs.gcode.write.written_line import number
+from counterflex.programs.robot_text.program import (
+    NamedPoint,
+    RobotProgram,
+    Span,
+    Stated,
+    StatedPosture,
+    StatedTurns,
+    angles_zyx,
+    frame_zyx,
+)
 
 LETTERS: Final = "XYZWPR"
 _CONFIG: Final = re.compile(r"\s*([NF])\s*([UD])\s*([TB])\b", re.IGNORECASE)
@@ -76,7 +89,7 @@ class FanucMotion(NamedPoint):
         if match is None:
             return None
         turns = [int(number) for number in match.groups()]
-        return turn_ranges(turns, 360.0, -180.0, f"CONFIG turns {', '.join(map(str, turns))}")
+        return StatedTurns.of(turns, 360.0, -180.0, f"CONFIG turns {', '.join(map(str, turns))}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,3 +139,27 @@ def _posture(text: str) -> Stated | None:
     wrist, elbow, arm = match[1].upper(), match[2].upper(), match[3].upper()
     front = arm == "T"
     return StatedPosture(front, (elbow == "U") == front, wrist == "N"), f"CONFIG '{wrist} {elbow} {arm}'"
+
+
+REMARK: Final = 32
+"""Characters of a remark (FANUC Operator's manual, "Remark"): the mark of a job fits exactly."""
+
+
+def remarks(messages: Iterable[str]) -> Iterator[str]:
+    """Comments as remarks, each cut between words; without the semicolons that end statements."""
+    for message in messages:
+        yield from textwrap.wrap(message.replace(";", ","), REMARK) or [""]
+
+
+def short(value: float) -> str:
+    """A number with four decimals at most, without trailing zeros."""
+    return number(value, 4).rstrip("0").rstrip(".")
+
+
+def values_text(T_user_tool: Float) -> str:
+    """X Y Z in mm and W P R in deg of a pose (4, 4) m, as they stand in an entry of /POS."""
+    p = T_user_tool[:3, 3] / MM
+    texts = [f"{c} = {number(float(v), LIMITS.position_decimals)} mm" for c, v in zip("XYZ", p, strict=True)]
+    angles = np.array(wpr_of(T_user_tool[:3, :3]))
+    turns = [f"{c} = {number(float(v), LIMITS.angle_decimals)} deg" for c, v in zip("WPR", angles, strict=True)]
+    return f"\t{', '.join(texts)},\n\t{', '.join(turns)}"

@@ -11,15 +11,13 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_S
 from counterflex.integrations.fanuc.language import LIMITS
-from counterflex.integrations.fanuc.language.program import wpr_of
-from counterflex.integrations.fanuc.language.spelling import remarks, short, values_text
+from counterflex.integrations.fanuc.language.program import remarks, short, values_text, wpr_of
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter
 
 _CONFIG: Final = re.compile(r"[NF] [UD] [TB], -?\d, -?\d, -?\d")
-_POSE: Final = "\0"
-"""Stands before the entry of /POS in a line until the lines of a file are numbered."""
+_POSE: Final = "\0"  # Stands before the entry of /POS in a line until the lines of a file are numbered
 
 
 @dataclass(frozen=True, kw_only=True)

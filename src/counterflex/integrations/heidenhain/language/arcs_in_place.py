@@ -11,9 +11,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MINUTE
 from counterflex.integrations.heidenhain.language import VECTOR_DECIMALS
-from counterflex.integrations.heidenhain.language.emitter import feed_text, signed
+from counterflex.integrations.heidenhain.language.emitter import PathLine, feed_text, function_of, signed, spelled
 from counterflex.integrations.heidenhain.language.state import PLANES
-from counterflex.integrations.heidenhain.language.written import PathLine, function_of, spelled
 from counterflex.programs.gcode.write.arc_fit import arc_error, radius_centre, written_turn
 from counterflex.programs.gcode.write.arc_pieces import ArcPiece, nominal_share, written_pieces
 from counterflex.programs.machine_in_place import MachineInPlace

@@ -32,6 +32,11 @@ class DrillPlunge:
     height_m: float = 0.0  # Target in programmed axes
     value: float = 0.0  # F of a feed, seconds of a dwell
 
+    @classmethod
+    def fed(cls, height_m: float, feed: float) -> DrillPlunge:
+        """Plunge at the feed of the cycle."""
+        return cls("rapid", height_m) if feed >= _RAPID else cls("feed", height_m, feed)
+
 
 @dataclass(frozen=True)
 class Drilling:
@@ -56,7 +61,7 @@ class Drilling:
         depth, clearance = self.surface_m, self.clear_m - self.surface_m
         while True:
             depth = max(depth - self.stroke_m, self.bottom_m)
-            yield _fed(depth, self.feed)
+            yield DrillPlunge.fed(depth, self.feed)
             if depth <= self.bottom_m:
                 break
             yield DrillPlunge("rapid", self.clear_m)
@@ -66,12 +71,8 @@ class Drilling:
         if self.bottom_s > 0.0:
             yield DrillPlunge("dwell", depth, self.bottom_s)
         if self.number == 201:
-            yield _fed(self.clear_m, self.second_feed or self.feed)
+            yield DrillPlunge.fed(self.clear_m, self.second_feed or self.feed)
         yield DrillPlunge("rapid", self.retract_m)
-
-
-def _fed(height_m: float, feed: float) -> DrillPlunge:
-    return DrillPlunge("rapid", height_m) if feed >= _RAPID else DrillPlunge("feed", height_m, feed)
 
 
 def drilling(

@@ -12,10 +12,9 @@ import numpy as np
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language import LIMITS
 from counterflex.integrations.heidenhain.language.arcs_in_place import ArcWriter
-from counterflex.integrations.heidenhain.language.emitter import dwell_lines
+from counterflex.integrations.heidenhain.language.emitter import PathLine, dwell_lines, function_of
 from counterflex.integrations.heidenhain.language.source import code_of
 from counterflex.integrations.heidenhain.language.state import PLANES
-from counterflex.integrations.heidenhain.language.written import PathLine, function_of
 from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program, Word
 
 _FLOW: Final = re.compile(

@@ -21,7 +21,7 @@ from counterflex.integrations.heidenhain.language.source import KlartextStatemen
 from counterflex.integrations.heidenhain.language.state import MAIN_PLANE, PLANES, Plane
 from counterflex.integrations.heidenhain.language.targets import KlartextTargets
 from counterflex.integrations.heidenhain.language.words import AXES, PathWords
-from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre, by_radius
+from counterflex.programs.gcode.read.arc import Arc, ArcFault
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 
 _SAME_M: Final = 1e-9
@@ -109,10 +109,10 @@ class KlartextMoveMaker(KlartextTargets):
         if kind == "CR":
             if radius is None:
                 raise words.fault("CR without its radius", None, "CR X+20 Y+0 R+10 DR-")
-            return by_radius(a, b, radius * state.unit_m, sense < 0.0, 1, state.unit_m)
+            return Arc.by_radius(a, b, radius * state.unit_m, sense < 0.0, 1, state.unit_m)
         if state.pole_m is None:
             raise words.fault("C without a circle centre", None, "Write CC before, behind the last change of datum")
-        return by_centre(a, b, state.pole_m, sense < 0.0, 1, state.unit_m)
+        return Arc.by_centre(a, b, state.pole_m, sense < 0.0, 1, state.unit_m)
 
     def _tangential(self, words: PathWords, a: tuple[float, float], b: tuple[float, float]) -> Arc:
         """The arc from ``a`` in the direction of the last motion to ``b``: it turns by twice the angle of the chord."""

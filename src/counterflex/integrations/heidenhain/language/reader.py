@@ -38,8 +38,7 @@ _IF: Final = re.compile(
 _WORD: Final = re.compile(r"\s*([A-Z]+)", re.IGNORECASE)
 _FUNCTION: Final = re.compile(r"\s*FN\s*(\d+)", re.IGNORECASE)
 _READ: Final = re.compile(r"(?:SYSREAD|TABREAD)\s*(Q[LRS]?\d+)\s*=", re.IGNORECASE)
-_DEEPEST: Final = 19
-"""Nesting of subprograms and of program section repeats (TNC 640, "Nesting")."""
+_DEEPEST: Final = 19  # Nesting of subprograms and of program section repeats (TNC 640, "Nesting")
 _COMPARE: Final[dict[str, Callable[[float, float], bool]]] = {
     "EQU": lambda a, b: a == b, "NE": lambda a, b: a != b, "GT": lambda a, b: a > b, "LT": lambda a, b: a < b,
 }  # fmt: skip

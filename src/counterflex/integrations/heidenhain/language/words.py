@@ -24,8 +24,7 @@ _TOKENS: Final = tuple(
         ("valued", rf"(I?P[RA]|I?[XYZABC]|[TN][XYZ]|FU|FZ|LA|F|R|S|M)\s*({VALUE})"),
     )
 )
-_OF_M: Final = frozenset((103, 118, 120, 128, 140))
-"""M functions that take an F (or X Y Z of M118) written behind them."""
+_OF_M: Final = frozenset((103, 118, 120, 128, 140))  # M functions that take an F (or X Y Z of M118) written behind them
 
 
 @dataclass(frozen=True, slots=True)

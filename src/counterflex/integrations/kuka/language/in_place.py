@@ -12,8 +12,15 @@ from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
 from counterflex.integrations.kuka.language import LIMITS
-from counterflex.integrations.kuka.language.edits import Edits, Values, spelled, target_edits, target_text
-from counterflex.integrations.kuka.language.program import LETTERS, KrlMotion, KrlProgram, Target
+from counterflex.integrations.kuka.language.program import (
+    LETTERS,
+    Edits,
+    KrlMotion,
+    KrlProgram,
+    Target,
+    Values,
+    spelled,
+)
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.literals import code_of
 from counterflex.programs.compensated import CompensatedPath
@@ -232,7 +239,7 @@ class KrlInPlace(InPlace[KrlProgram]):
         return f"{{{pose}{self.program.extra}}}"
 
     def _write(self, target: Target, move: KrlMotion, values: Values, *, turned: bool) -> None:
-        edits = target_edits(target, values, self.at.values, turned=turned)
+        edits = target.edits(values, self.at.values, turned=turned)
         if target.computed:
             if edits or self.program.reads_position:
                 self._write_out(target, move, values)
@@ -243,7 +250,7 @@ class KrlInPlace(InPlace[KrlProgram]):
             self._edits[target.file].change(target.line, edits)
             self.counts.targets_declared += 1
         elif target.in_data:
-            self._change(move, [(target.start, target.end, target_text(target, edits))])
+            self._change(move, [(target.start, target.end, target.text(edits))])
             self.counts.targets_written_out += 1
         else:
             self._change(move, edits)

@@ -36,6 +36,10 @@ class KrlStatement:
     guarded: bool = False  # It stands inside IF or CASE
     result: str = ""  # Variable that takes the result of a call, or empty
 
+    def sets(self) -> bool:
+        """Return whether it enables: 1, or the number of a job."""
+        return decimal(self.arguments[1]) != 0.0 and self.arguments[1].upper() != "FALSE"
+
 
 @dataclass(frozen=True)
 class RsiCalls:

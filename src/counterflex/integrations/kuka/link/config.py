@@ -52,6 +52,22 @@ class Tag:
     channel: int | None  # INDX 1..64, or None for INTERNAL
     hold: bool = True  # HOLDON: the controller keeps the last value where no valid answer came. Received tags only.
 
+    @classmethod
+    def of(cls, element: Element, keywords: dict[str, tuple[str, ...]], place: str) -> Tag:
+        """Read a tag of the telegram."""
+        tag, kind = element.get("TAG", ""), element.get("TYPE", "").upper()
+        parts = tag.removeprefix("DEF_").split(".")
+        if not tag or len(parts) > 2 or not all(p.isascii() and p.replace("_", "").isalnum() for p in parts):
+            raise FileFormatError("TAG cannot be used", where=place, value=repr(tag), limit="Name or Name.attribute")
+        if kind not in _KINDS:
+            raise FileFormatError("TYPE is unknown", where=place, value=repr(kind), limit=", ".join(_KINDS))
+        if tag.startswith("DEF_") and tag[4:] not in keywords:
+            raise FileFormatError("keyword is unknown", where=place, value=tag, limit=", ".join(sorted(keywords)))
+        channel, hold = _channel(element.get("INDX", ""), place), element.get("HOLDON", "1")
+        if hold not in ("0", "1"):
+            raise FileFormatError("HOLDON is neither 0 nor 1", where=place, value=repr(hold))
+        return cls(tag, kind, channel, hold == "1")  # type: ignore[arg-type]
+
 
 @dataclass(frozen=True)
 class ConfigValue:
@@ -137,28 +153,13 @@ def _tags(root: Element, section: str, keywords: dict[str, tuple[str, ...]], whe
         name = element.get("TAG", "")
         if name.upper() == "FREE":
             continue
-        tag = _tag(element, keywords, f"{where}: {section} {name or '?'}")
+        tag = Tag.of(element, keywords, f"{where}: {section} {name or '?'}")
         if tag.channel is not None and any(tag.channel == other.channel for other in tags):
             raise FileFormatError(
                 "the channel is used twice", where=f"{where}: {section} {name or '?'}", value=tag.channel
             )
         tags.append(tag)
     return tuple(tags)
-
-
-def _tag(element: Element, keywords: dict[str, tuple[str, ...]], place: str) -> Tag:
-    tag, kind = element.get("TAG", ""), element.get("TYPE", "").upper()
-    parts = tag.removeprefix("DEF_").split(".")
-    if not tag or len(parts) > 2 or not all(p.isascii() and p.replace("_", "").isalnum() for p in parts):
-        raise FileFormatError("TAG cannot be used", where=place, value=repr(tag), limit="Name or Name.attribute")
-    if kind not in _KINDS:
-        raise FileFormatError("TYPE is unknown", where=place, value=repr(kind), limit=", ".join(_KINDS))
-    if tag.startswith("DEF_") and tag[4:] not in keywords:
-        raise FileFormatError("keyword is unknown", where=place, value=tag, limit=", ".join(sorted(keywords)))
-    channel, hold = _channel(element.get("INDX", ""), place), element.get("HOLDON", "1")
-    if hold not in ("0", "1"):
-        raise FileFormatError("HOLDON is neither 0 nor 1", where=place, value=repr(hold))
-    return Tag(tag, kind, channel, hold == "1")  # type: ignore[arg-type]
 
 
 def _channel(index: str, place: str) -> int | None:

@@ -30,10 +30,8 @@ NAME: Final = "counterflex"
 """Of the context and its files."""
 LINK_TEST: Final = "cf_link_test"
 """Of the program that tries the link."""
-_ARMED_S: Final = 60.0
-"""How long the program waits for the loop to be armed: it settles, and a person arms it."""
-_ZERO_S: Final = 2.0
-"""How long the program waits for the correction beyond what ramping it out takes."""
+_ARMED_S: Final = 60.0  # How long the program waits for the loop to be armed: it settles, and a person arms it
+_ZERO_S: Final = 2.0  # How long the program waits for the correction beyond what ramping it out takes
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from counterflex.programs.language import Language, Signs
+from counterflex.programs.language import Language, Signs, StatementForms
 from counterflex.programs.limits import Limits
-from counterflex.programs.statement_forms import StatementForms
 
 LIMITS: Final = Limits(
     line_characters=255,
@@ -35,7 +34,7 @@ LANGUAGE: Final = Language(
     waits=re.compile(r"\s*(?:wait|watch|get|popUpMsg)\s*\(", re.IGNORECASE),
     comment=re.compile(r"^\s*//(.*)"),
     read="counterflex.integrations.staubli.language.read.reader:read_val3_file",
-    files="counterflex.integrations.staubli.language.read.application:job_files",
+    files="counterflex.integrations.staubli.language.read.branches:job_files",
     table="counterflex.integrations.staubli.language.read.table:TABLE",
     cell="counterflex.integrations.staubli.language.job:cell_of",
     in_place="counterflex.integrations.staubli.language.in_place:write_val3_in_place",

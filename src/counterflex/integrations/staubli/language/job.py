@@ -31,8 +31,7 @@ from counterflex.report.data import Fact
 from counterflex.robot.kinematics.inverse_seeds import branch_of
 
 _XML = '<?xml version="1.0" encoding="utf-8"?>'
-_ENTRIES = ("start", "stop")
-"""Programs that a controller calls in every application."""
+_ENTRIES = ("start", "stop")  # Programs that a controller calls in every application
 _SCHEMA = "http://www.staubli.com/robotics/VAL3"
 
 

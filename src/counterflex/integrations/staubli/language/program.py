@@ -12,8 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
-from counterflex.programs.robot_text.program import NamedPoint, RobotProgram, Span
-from counterflex.programs.robot_text.stated import Stated, StatedPosture
+from counterflex.programs.robot_text.program import NamedPoint, RobotProgram, Span, Stated, StatedPosture
 
 _NUMBER: Final = re.compile(r"[0-9]+(?:\.[0-9]*)?|\.[0-9]+")
 _WORDS: Final = (("righty", "lefty"), ("epositive", "enegative"), ("wpositive", "wnegative"))

@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.integrations.yaskawa.language import LIMITS, program as inform
-from counterflex.integrations.yaskawa.language.spelling import comments, entry_text, numbers_text, speed_text
+from counterflex.integrations.yaskawa.language.program import comments, entry_text, numbers_text, speed_text
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.limits import Limits
 from counterflex.programs.robot_text.circle_fit import FittedCircle, Spans

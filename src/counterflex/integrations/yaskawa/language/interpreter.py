@@ -25,8 +25,7 @@ from counterflex.programs.unknown import Unknown, known
 
 _MOST: Final = 100_000
 """Instructions executed beyond ten times those written: a loop that never ends reaches it within seconds."""
-_MOST_IDLE: Final = 20_000
-"""Instructions executed beyond those written without a motion between them."""
+_MOST_IDLE: Final = 20_000  # Instructions executed beyond those written without a motion between them
 _DEEPEST: Final = 40
 _I: Final = re.IGNORECASE
 _ASSIGNED: Final = re.compile(rf"(?:SET|((?!SET\b)[A-Z]+))\s+({VARIABLE})\s*(?(1)(?:\(([^)]*)\))?)\s*(.*)", _I)

@@ -21,8 +21,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.geometry.circle import angle_to, circle, turned
 from counterflex.integrations.yaskawa.language.frames import InformCell
-from counterflex.integrations.yaskawa.language.program import DIALECT, values_of
-from counterflex.integrations.yaskawa.language.spelling import rconf, speed_text
+from counterflex.integrations.yaskawa.language.program import DIALECT, rconf, speed_text, values_of
 from counterflex.integrations.yaskawa.language.writer import (
     InformSettings,
     InformWords,
@@ -42,8 +41,7 @@ from counterflex.robot.kinematics.inverse_seeds import branch_of
 _FLAT_M: Final = 1e-7
 _HALF_DEG: Final = 180.0
 _MOST_PIECES: Final = 12
-_WITHIN_M: Final = 0.9 * UM
-"""Largest distance of a written arc from the programmed one: positions are rounded to 1 um."""
+_WITHIN_M: Final = 0.9 * UM  # Largest distance of a written arc from the programmed one: positions are rounded to 1 um
 
 
 class InformEmitter(InformWords, RobotEmitter[InformSettings]):

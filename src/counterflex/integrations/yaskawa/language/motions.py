@@ -18,8 +18,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
-from counterflex.integrations.yaskawa.language.arcs import ArcPoint, Made, arcs_of, stands_at, straight_to
-from counterflex.integrations.yaskawa.language.form import Form
+from counterflex.integrations.yaskawa.language.form import ArcPoint, Form, Made, arcs_of, stands_at, straight_to
 from counterflex.integrations.yaskawa.language.frames import InformCell, InformFrames
 from counterflex.integrations.yaskawa.language.program import (
     AXES,
@@ -34,7 +33,7 @@ from counterflex.integrations.yaskawa.language.source import InformJob, InformSt
 from counterflex.integrations.yaskawa.language.values import InformValues, PositionValue
 from counterflex.programs.expression import Value, is_number
 from counterflex.programs.program import Word
-from counterflex.programs.robot_text.by_axes import Away, ExecutionByAxes
+from counterflex.programs.robot_text.execution import Away, ExecutionByAxes
 from counterflex.programs.unknown import Unknown, known
 
 FASTEST_MM_S: Final = 1500.0

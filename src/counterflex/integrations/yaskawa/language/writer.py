@@ -9,15 +9,22 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.integrations.yaskawa.language import LIMITS
-from counterflex.integrations.yaskawa.language.program import USER, Header, frame_of, values_of
-from counterflex.integrations.yaskawa.language.spelling import comments, job_text, numbers_text, speed_text
+from counterflex.integrations.yaskawa.language.program import (
+    USER,
+    Header,
+    comments,
+    frame_of,
+    job_text,
+    numbers_text,
+    speed_text,
+    values_of,
+)
 from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter
 
 _POSE: Final = "\0"
 """Stands between an instruction and the entry of its position until the positions of a job are numbered."""
-_FLAG: Final = "\1"
-"""Stands between what an entry is under and its numbers."""
+_FLAG: Final = "\1"  # Stands between what an entry is under and its numbers
 PLAIN: Final = "1,0,0,0,0,0"
 """RCONF of a posture that nothing is known of: no flip, upper arm, front, no turns."""
 _UNUSED: Final = ",0" * 18

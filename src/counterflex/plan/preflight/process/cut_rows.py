@@ -25,7 +25,7 @@ from counterflex.plan.preflight.row import NOT_LOOKED_AT, CheckLimits, Row, Verd
 from counterflex.plan.preflight.size import ProgramSize
 from counterflex.plan.process_limits import ProcessLimits
 from counterflex.plan.undisturbed_cut import UndisturbedCut
-from counterflex.programs.robot_text.stated import Stated as StatedPosture
+from counterflex.programs.robot_text.program import Stated as StatedPosture
 from counterflex.programs.stated.offsets import NONE, OWN, UNSAID
 from counterflex.programs.stated.remarks import Stated
 from counterflex.runtime.monitoring.hidden_tooth import hidden_tooth

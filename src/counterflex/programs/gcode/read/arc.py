@@ -44,6 +44,96 @@ class Arc:
     turn_rad: float  # Signed angle about the plane's normal, whole turns included
     radius_m: float  # Mean of start and end radius
 
+    @classmethod
+    def by_centre(
+        cls,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        centre: tuple[float, float],
+        clockwise: bool,
+        turns: int,
+        unit_m: float,
+    ) -> Arc:
+        """Arc about a given centre.
+
+        Args:
+            start: In the plane's axes, m.
+            end: In the plane's axes, m.
+            centre: In the plane's axes, m.
+            clockwise: G2.
+            turns: P word, >= 1.
+            unit_m: Program unit, which chooses the tolerance.
+
+        Raises:
+            ArcFault: The radius is zero, or differs between start and end by more than the tolerance.
+
+        Source: LinuxCNC, "G2, G3 Arc Move", center format.
+        """
+        spoke = (start[0] - centre[0], start[1] - centre[1])
+        end_spoke = (end[0] - centre[0], end[1] - centre[1])
+        radius, end_radius = math.hypot(*spoke), math.hypot(*end_spoke)
+        if min(radius, end_radius) < 1e-9:
+            raise ArcFault("the arc has no radius", f"{radius / unit_m:.6g} and {end_radius / unit_m:.6g}")
+        allowed = centre_tolerance(unit_m)
+        off = abs(radius - end_radius)
+        if off > 100.0 * allowed or (off > allowed and off > _RELATIVE * max(radius, end_radius)):
+            raise ArcFault(
+                "the arc's radius at its end differs from that at its start",
+                f"{radius / unit_m:.6g} at the start and {end_radius / unit_m:.6g} at the end",
+            )
+        return cls(centre[0], centre[1], turn_angle(spoke, end_spoke, clockwise, turns), 0.5 * (radius + end_radius))
+
+    @classmethod
+    def by_radius(
+        cls,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        radius: float,
+        clockwise: bool,
+        turns: int,
+        unit_m: float,
+    ) -> Arc:
+        """Arc of a given radius; negative radius for the longer way round.
+
+        Args:
+            start: In the plane's axes, m.
+            end: In the plane's axes, m.
+            radius: R word, m.
+            clockwise: G2.
+            turns: P word, >= 1.
+            unit_m: Program unit, which chooses the tolerance.
+
+        Raises:
+            ArcFault: R is zero, start and end are one point, or R is too small to reach the end.
+
+        Source: LinuxCNC, "G2, G3 Arc Move", radius format.
+        """
+        along = (end[0] - start[0], end[1] - start[1])
+        chord = math.hypot(*along)
+        size = abs(radius)
+        if size < 1e-9:
+            raise ArcFault("the arc's R is zero", f"R{radius / unit_m:.6g}", "R")
+        if chord < 1e-9:
+            raise ArcFault(
+                "an arc with R must end elsewhere than it starts", f"R{radius / unit_m:.6g} and the same point", "R"
+            )
+        half = 0.5 * chord
+        if half - size > radius_tolerance(unit_m):
+            raise ArcFault(
+                "the arc's R is too small to reach the end point",
+                f"R{radius / unit_m:.6g} for a chord of {chord / unit_m:.6g}",
+                "R",
+            )
+        offset = math.sqrt(max(size * size - half * half, 0.0))
+        side = -1.0 if clockwise == (radius > 0.0) else 1.0
+        centre = (
+            0.5 * (start[0] + end[0]) - side * offset * along[1] / chord,
+            0.5 * (start[1] + end[1]) + side * offset * along[0] / chord,
+        )
+        spoke = (start[0] - centre[0], start[1] - centre[1])
+        end_spoke = (end[0] - centre[0], end[1] - centre[1])
+        return cls(centre[0], centre[1], turn_angle(spoke, end_spoke, clockwise, turns), math.hypot(*spoke))
+
 
 def turn_angle(start: tuple[float, float], end: tuple[float, float], clockwise: bool, turns: int) -> float:
     """Signed angle from one spoke to another; equal directions are a full circle.
@@ -76,86 +166,3 @@ def centre_tolerance(unit_m: float) -> float:
 def radius_tolerance(unit_m: float) -> float:
     """Largest shortfall of R against half the chord, m, for the program's unit."""
     return _RADIUS_INCH * INCH if unit_m == INCH else _RADIUS_MM * MM
-
-
-def by_centre(
-    start: tuple[float, float],
-    end: tuple[float, float],
-    centre: tuple[float, float],
-    clockwise: bool,
-    turns: int,
-    unit_m: float,
-) -> Arc:
-    """Arc about a given centre.
-
-    Args:
-        start: In the plane's axes, m.
-        end: In the plane's axes, m.
-        centre: In the plane's axes, m.
-        clockwise: G2.
-        turns: P word, >= 1.
-        unit_m: Program unit, which chooses the tolerance.
-
-    Raises:
-        ArcFault: The radius is zero, or differs between start and end by more than the tolerance.
-
-    Source: LinuxCNC, "G2, G3 Arc Move", center format.
-    """
-    spoke = (start[0] - centre[0], start[1] - centre[1])
-    end_spoke = (end[0] - centre[0], end[1] - centre[1])
-    radius, end_radius = math.hypot(*spoke), math.hypot(*end_spoke)
-    if min(radius, end_radius) < 1e-9:
-        raise ArcFault("the arc has no radius", f"{radius / unit_m:.6g} and {end_radius / unit_m:.6g}")
-    allowed = centre_tolerance(unit_m)
-    off = abs(radius - end_radius)
-    if off > 100.0 * allowed or (off > allowed and off > _RELATIVE * max(radius, end_radius)):
-        raise ArcFault(
-            "the arc's radius at its end differs from that at its start",
-            f"{radius / unit_m:.6g} at the start and {end_radius / unit_m:.6g} at the end",
-        )
-    return Arc(centre[0], centre[1], turn_angle(spoke, end_spoke, clockwise, turns), 0.5 * (radius + end_radius))
-
-
-def by_radius(
-    start: tuple[float, float], end: tuple[float, float], radius: float, clockwise: bool, turns: int, unit_m: float
-) -> Arc:
-    """Arc of a given radius; negative radius for the longer way round.
-
-    Args:
-        start: In the plane's axes, m.
-        end: In the plane's axes, m.
-        radius: R word, m.
-        clockwise: G2.
-        turns: P word, >= 1.
-        unit_m: Program unit, which chooses the tolerance.
-
-    Raises:
-        ArcFault: R is zero, start and end are one point, or R is too small to reach the end.
-
-    Source: LinuxCNC, "G2, G3 Arc Move", radius format.
-    """
-    along = (end[0] - start[0], end[1] - start[1])
-    chord = math.hypot(*along)
-    size = abs(radius)
-    if size < 1e-9:
-        raise ArcFault("the arc's R is zero", f"R{radius / unit_m:.6g}", "R")
-    if chord < 1e-9:
-        raise ArcFault(
-            "an arc with R must end elsewhere than it starts", f"R{radius / unit_m:.6g} and the same point", "R"
-        )
-    half = 0.5 * chord
-    if half - size > radius_tolerance(unit_m):
-        raise ArcFault(
-            "the arc's R is too small to reach the end point",
-            f"R{radius / unit_m:.6g} for a chord of {chord / unit_m:.6g}",
-            "R",
-        )
-    offset = math.sqrt(max(size * size - half * half, 0.0))
-    side = -1.0 if clockwise == (radius > 0.0) else 1.0
-    centre = (
-        0.5 * (start[0] + end[0]) - side * offset * along[1] / chord,
-        0.5 * (start[1] + end[1]) + side * offset * along[0] / chord,
-    )
-    spoke = (start[0] - centre[0], start[1] - centre[1])
-    end_spoke = (end[0] - centre[0], end[1] - centre[1])
-    return Arc(centre[0], centre[1], turn_angle(spoke, end_spoke, clockwise, turns), math.hypot(*spoke))

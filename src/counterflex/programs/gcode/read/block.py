@@ -10,8 +10,7 @@ from counterflex.programs.gcode.read import codes
 from counterflex.programs.program import Word
 
 _KNOWN: Final = frozenset("ABCDEFGHIJKLMNPQRSTXYZ")
-_BLENDING: Final = 640
-"""G64, whose words have limits."""
+_BLENDING: Final = 640  # G64, whose words have limits
 _MODAL_GROUPS_OF_ONE: Final = "Two codes of one modal group contradict each other: put them on two lines"
 
 

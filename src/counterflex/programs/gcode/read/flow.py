@@ -1,4 +1,9 @@
-"""O words of a source: which line closes what, and where subroutines begin."""
+"""O words of a source: which line closes what, and where subroutines begin.
+
+Jumps and loops of Fanuc macros: IF GOTO, IF THEN, GOTO, WHILE DO and END.
+
+Source: Fanuc, Operator's Manual, "Custom macro", "Branch and repetition".
+"""
 
 from __future__ import annotations
 
@@ -7,8 +12,74 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.gcode.read.macro_flow import MacroFlow, scan_macro
-from counterflex.programs.gcode.read.scanner import FlowWord, ScannedLine, error_at, scan_line
+from counterflex.programs.gcode.read.expression import Cursor, Expression
+from counterflex.programs.gcode.read.scanner import FlowWord, ScannedLine, error_at, strip_comments
+
+_BEGIN: Final = re.compile(r"/?(?:n\d+)?(if\[|while\[|goto|do\d|end\d|popen|pclos|dprnt|bprnt)")
+_OUTPUTS: Final = ("popen", "pclos", "dprnt", "bprnt")
+
+
+@dataclass(frozen=True)
+class MacroFlow:
+    """A line of the flow of a macro."""
+
+    keyword: str  # ``if``, ``goto``, ``while``, ``do``, ``end``, or ``text`` for an output of text
+    condition: Expression | None = None  # Of IF and WHILE
+    target: Expression | None = None  # Block number that IF and GOTO go to
+    then: ScannedLine | None = None  # Rest of the line behind THEN
+    loop: int = 0  # Number of DO and END
+
+    @classmethod
+    def read(cls, cursor: Cursor, text: str, name: str, line: int) -> MacroFlow:
+        """Read a statement of macro flow at the cursor; the text names it in errors."""
+        if cursor.take("goto"):
+            return cls("goto", target=cursor.value())
+        for keyword in ("do", "end"):
+            if cursor.take(keyword):
+                return cls(keyword, loop=int(_digit(cursor)))
+        keyword = "if" if cursor.take("if") else "while"
+        cursor.take("while")
+        condition = cursor.value()
+        if keyword == "while":
+            if not cursor.take("do"):
+                raise cursor.error("DO is expected behind WHILE [...]", repr(cursor.peek(8)))
+            return cls("while", condition, loop=int(_digit(cursor)))
+        if cursor.take("goto"):
+            return cls("if", condition, cursor.value())
+        if not cursor.take("then"):
+            raise cursor.error("GOTO or THEN is expected behind IF [...]", repr(cursor.peek(8)))
+        then = ScannedLine.scan(" " * cursor.column + text[cursor.column :], name, line)
+        cursor.place = len(cursor.text)
+        return cls("if", condition, then=then)
+
+
+def scan_macro(text: str, name: str, line: int) -> MacroFlow | None:
+    """Return what a line of the flow of a macro says; None for any other line.
+
+    Raises:
+        ProgramError: It begins as one, and is none.
+    """
+    clean, columns, _ = strip_comments(text, name, line)
+    begin = _BEGIN.match(clean)
+    if begin is None:
+        return None
+    cursor = Cursor(clean, columns, lambda what, column, value, hint: error_at(name, line, what, column, value, hint))
+    if begin[1] in _OUTPUTS:
+        return MacroFlow("text")
+    cursor.place = begin.start(1)
+    flow = MacroFlow.read(cursor, text, name, line)
+    if cursor.peek():
+        raise cursor.error("nothing may follow a jump or loop of a macro", repr(cursor.peek(12)))
+    return flow
+
+
+def _digit(cursor: Cursor) -> str:
+    digit = cursor.peek()
+    if digit not in ("1", "2", "3"):
+        raise cursor.error("the number of a loop is 1, 2 or 3", repr(digit))
+    cursor.place += 1
+    return digit
+
 
 _FLOW_LINE: Final = re.compile(r"[ \t]*/?[ \t]*(?:[Nn][ \t0-9.]*)?[Oo]|[ \t]*:[ \t]*[0-9]")
 _NUMBERED: Final = re.compile(r"[ \t]*/?[ \t]*[Nn][ \t]*(\d+)(?![.\d])")
@@ -103,7 +174,7 @@ class GcodeSource:
         """Return the line as scanned; each line is scanned once."""
         line = self.scanned.get(index)
         if line is None:
-            line = scan_line(self.lines[index], self.name, index + 1)
+            line = ScannedLine.scan(self.lines[index], self.name, index + 1)
             self.scanned[index] = line
         return line
 

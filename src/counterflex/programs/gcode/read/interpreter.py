@@ -12,9 +12,8 @@ from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.canned_cycles import CycleMaker
 from counterflex.programs.gcode.read.codes import TAKES_AXES, code_name
 from counterflex.programs.gcode.read.expression import NamedParameter
-from counterflex.programs.gcode.read.flow import GcodeSource
+from counterflex.programs.gcode.read.flow import GcodeSource, MacroFlow
 from counterflex.programs.gcode.read.jumps import FlowRunner, Include, Place
-from counterflex.programs.gcode.read.macro_flow import MacroFlow
 from counterflex.programs.gcode.read.modes import apply_modes, apply_offsets, apply_rates
 from counterflex.programs.gcode.read.motion import FARTHEST_M, point, radians
 from counterflex.programs.gcode.read.parameter_file import MillingMachine

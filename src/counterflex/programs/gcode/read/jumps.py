@@ -10,8 +10,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import code_name
 from counterflex.programs.gcode.read.expression import Expression
-from counterflex.programs.gcode.read.flow import LOOPS, Construct, GcodeSource, split_lines
-from counterflex.programs.gcode.read.macro_flow import MacroFlow
+from counterflex.programs.gcode.read.flow import LOOPS, Construct, GcodeSource, MacroFlow, split_lines
 from counterflex.programs.gcode.read.parameters import ARGUMENTS, GcodeParameters, UnknownValue
 from counterflex.programs.gcode.read.scanner import FlowWord, error_at
 from counterflex.programs.gcode.read.state import ModalState

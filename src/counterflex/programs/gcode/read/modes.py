@@ -10,9 +10,16 @@ from counterflex.core.units import INCH, MM
 from counterflex.programs.gcode.read.arc import PLANE_AXES
 from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import HAAS_OFFSETS, code_name
-from counterflex.programs.gcode.read.frames import Frame, Rotation
 from counterflex.programs.gcode.read.state import ModalState, minus, plus
-from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS, MOST_FURTHER, ZERO, further, six
+from counterflex.programs.gcode.read.work_offsets import (
+    LINUXCNC_OFFSETS,
+    MOST_FURTHER,
+    ZERO,
+    Frame,
+    Rotation,
+    further,
+    six,
+)
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR
 
 _OFFSET_CODES: Final = (540, 550, 560, 570, 580, 590, 591, 592, 593)

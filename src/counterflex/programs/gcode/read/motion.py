@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MINUTE, MM, RPM
-from counterflex.programs.gcode.read.arc import PLANE_AXES, Arc, ArcFault, by_centre, by_radius
+from counterflex.programs.gcode.read.arc import PLANE_AXES, Arc, ArcFault
 from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.parameters import GcodeParameters
@@ -243,13 +243,13 @@ class MotionMaker:
         a, b = (start[first], start[second]), (target[first], target[second])
         try:
             if radius is None:
-                arc = by_centre(a, b, self._centre(block, given, start, clockwise), clockwise, turns, unit)
+                arc = Arc.by_centre(a, b, self._centre(block, given, start, clockwise), clockwise, turns, unit)
             elif given:
                 raise block.fault("an arc has both R and a centre", "R")
             elif not in_plane:
                 raise block.fault("an arc with R needs an end point in its plane", "R")
             else:
-                arc = by_radius(a, b, radius * unit, clockwise, turns, unit)
+                arc = Arc.by_radius(a, b, radius * unit, clockwise, turns, unit)
         except ArcFault as fault:
             letter = fault.letter or next(_CENTRE_LETTERS[axis] for axis in given)
             raise block.fault(fault.what, letter, fault.value) from fault

@@ -17,11 +17,9 @@ from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS
 
 _OFFSETS: Final = {name: 5221 + 20 * i for i, name in enumerate(LINUXCNC_OFFSETS)}
 _STORED: Final = frozenset(start + axis for start in HOME_POSITION.values() for axis in range(6))
-_LAST_FREE: Final = 5060
-"""Last parameter that programs may write."""
+_LAST_FREE: Final = 5060  # Last parameter that programs may write
 _G92_IN_FORCE, _ACTIVE = 5210, 5220
-_ROTATION: Final = 9
-"""Behind the first number of a work offset: its rotation about z, deg."""
+_ROTATION: Final = 9  # Behind the first number of a work offset: its rotation about z, deg
 
 
 @dataclass(frozen=True)

@@ -27,13 +27,11 @@ _TOOL_LENGTH: Final = 5401
 _CURRENT: Final = 5420
 # From here on the machine answers; programs may not write.
 _SYSTEM: Final = 5061
-_LOCAL: Final = 33
-"""Last parameter that belongs to a macro; the control keeps the values of the others."""
+_LOCAL: Final = 33  # Last parameter that belongs to a macro; the control keeps the values of the others
 _ALARM: Final = 3000
 _FANUC_OFFSETS: Final = range(2001, 3000)
 """Tool offsets (#2001 to #2499) and work offsets (#2500 to #2999): an assignment shifts what follows."""
-_INPUT: Final = 5399
-"""Result of M66."""
+_INPUT: Final = 5399  # Result of M66
 _OF_THE_MACHINE: Final = (
     (range(1000, 1200), "an input or output of the control"),
     (range(2000, 2500), "the tool table has it"),

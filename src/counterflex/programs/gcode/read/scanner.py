@@ -42,6 +42,16 @@ class ScannedWord:
     start: int
     end: int
 
+    @classmethod
+    def of(cls, cursor: Cursor) -> ScannedWord:
+        """Read a letter and its value; the cursor stands on the letter."""
+        letter, start = cursor.peek().upper(), cursor.column
+        cursor.place += 1
+        value = cursor.value()
+        end = cursor.columns[cursor.place - 1] + 1
+        number = value.value if isinstance(value, Number) else None
+        return cls(letter, number, value if number is None else None, start, end)
+
 
 @dataclass(frozen=True)
 class Assignment:
@@ -50,6 +60,15 @@ class Assignment:
     target: NumberedParameter | NamedParameter
     value: Expression
     column: int
+
+    @classmethod
+    def of(cls, cursor: Cursor) -> Assignment:
+        """Read ``#1=...``; the cursor stands on the sign."""
+        column = cursor.column
+        target = cursor.parameter()
+        if not cursor.take("="):
+            raise cursor.error("= is expected after a parameter", repr(cursor.peek(8) or "end of line"))
+        return cls(target, cursor.assigned(), column)
 
 
 @dataclass(frozen=True)
@@ -60,6 +79,39 @@ class FlowWord:
     keyword: str
     arguments: tuple[Expression, ...]
     column: int
+
+    @classmethod
+    def of(cls, cursor: Cursor) -> FlowWord:
+        """Read an O word; the cursor stands on the letter."""
+        column = cursor.column
+        cursor.place += 1
+        label: str | Expression
+        if cursor.peek() == "<":
+            label = cursor.name()
+        else:
+            number = cursor.value()
+            label = f"{number.value:g}" if isinstance(number, Number) and number.value == int(number.value) else number
+            if isinstance(number, Number) and number.value < 0.0:
+                raise cursor.fault("an O word's number is negative", column, f"{number.value:g}", None)
+        for keyword in FLOW_KEYWORDS:
+            if cursor.take(keyword):
+                break
+        else:
+            if cursor.peek():
+                raise cursor.error(
+                    "an unknown O word", repr(cursor.peek(12)), "One of: " + " ".join(sorted(FLOW_KEYWORDS))
+                )
+            keyword = ""
+        arguments: list[Expression] = []
+        while cursor.peek() == "[":
+            arguments.append(cursor.value())
+        most = {"call": 30, "while": 1, "if": 1, "elseif": 1, "repeat": 1, "return": 1, "endsub": 1}.get(keyword, 0)
+        least = 1 if keyword in ("if", "elseif", "repeat", "while") else 0
+        if not least <= len(arguments) <= most:
+            raise cursor.fault(
+                f"O... {keyword} has the wrong number of values", column, len(arguments), f"Write {least} to {most}"
+            )
+        return cls(label, keyword, tuple(arguments), column)
 
 
 @dataclass(frozen=True)
@@ -72,6 +124,34 @@ class ScannedLine:
     comments: tuple[str, ...] = ()
     block_delete: bool = False
     percent: bool = False
+
+    @classmethod
+    def scan(cls, text: str, name: str, line: int) -> ScannedLine:
+        """Read any line with the full scanner.
+
+        Args:
+            text: The line without its end.
+            name: Name of the program, for errors.
+            line: 1-based number of the line, for errors.
+
+        Raises:
+            ProgramError: With file, line and column of the first thing that is not RS274/NGC.
+        """
+        clean, columns, comments = strip_comments(text, name, line)
+        if len(clean) > _LONGEST_LINE:
+            raise error_at(name, line, "the line is too long", columns[_LONGEST_LINE], f"{len(clean)} characters")
+        cursor = Cursor(
+            clean, columns, lambda what, column, value, hint: error_at(name, line, what, column, value, hint)
+        )
+        block_delete = cursor.take("/")
+        if block_delete and _LEVEL.match(clean):  # Fanuc: one of nine switches
+            cursor.place += 1
+        if _PROGRAM_SIGN.fullmatch(clean):
+            return cls(comments=tuple(comments), percent=True)
+        if _FILE_NAME.fullmatch(text.strip()):
+            return cls(comments=(text.strip(),))
+        words, assignments, flow = _parts(cursor, text)
+        return cls(tuple(words), tuple(assignments), flow, tuple(comments), block_delete)
 
 
 def error_at(
@@ -132,32 +212,6 @@ def strip_comments(text: str, name: str, line: int) -> tuple[str, list[int], lis
     return "".join(selected), columns, comments
 
 
-def scan_line(text: str, name: str, line: int) -> ScannedLine:
-    """Read any line with the full scanner.
-
-    Args:
-        text: The line without its end.
-        name: Name of the program, for errors.
-        line: 1-based number of the line, for errors.
-
-    Raises:
-        ProgramError: With file, line and column of the first thing that is not RS274/NGC.
-    """
-    clean, columns, comments = strip_comments(text, name, line)
-    if len(clean) > _LONGEST_LINE:
-        raise error_at(name, line, "the line is too long", columns[_LONGEST_LINE], f"{len(clean)} characters")
-    cursor = Cursor(clean, columns, lambda what, column, value, hint: error_at(name, line, what, column, value, hint))
-    block_delete = cursor.take("/")
-    if block_delete and _LEVEL.match(clean):  # Fanuc: one of nine switches
-        cursor.place += 1
-    if _PROGRAM_SIGN.fullmatch(clean):
-        return ScannedLine(comments=tuple(comments), percent=True)
-    if _FILE_NAME.fullmatch(text.strip()):
-        return ScannedLine(comments=(text.strip(),))
-    words, assignments, flow = _parts(cursor, text)
-    return ScannedLine(tuple(words), tuple(assignments), flow, tuple(comments), block_delete)
-
-
 def _parts(cursor: Cursor, text: str) -> tuple[list[ScannedWord], list[Assignment], FlowWord | None]:
     """Read words, assignments and an O word to the end of the line."""
     words: list[ScannedWord] = []
@@ -165,37 +219,18 @@ def _parts(cursor: Cursor, text: str) -> tuple[list[ScannedWord], list[Assignmen
     flow: FlowWord | None = None
     while character := cursor.peek():
         if character == "#":
-            assignments.append(_assignment(cursor))
+            assignments.append(Assignment.of(cursor))
         elif character == "o" or (character == ":" and cursor.place == 0):
             if flow is not None or assignments or any(word.letter != "N" for word in words):
                 raise cursor.error("an O word must come first on its line", repr(text.strip()[:30]))
-            flow = _flow(cursor)
+            flow = FlowWord.of(cursor)
         elif not "a" <= character <= "z":
             raise _no_letter(cursor)
         elif flow is not None:
             raise cursor.error("nothing may follow an O word's own arguments", repr(cursor.peek(12)))
         else:
-            words.append(_word(cursor))
+            words.append(ScannedWord.of(cursor))
     return words, assignments, flow
-
-
-def _assignment(cursor: Cursor) -> Assignment:
-    """Read ``#1=...``; the cursor stands on the sign."""
-    column = cursor.column
-    target = cursor.parameter()
-    if not cursor.take("="):
-        raise cursor.error("= is expected after a parameter", repr(cursor.peek(8) or "end of line"))
-    return Assignment(target, cursor.assigned(), column)
-
-
-def _word(cursor: Cursor) -> ScannedWord:
-    """Read a letter and its value; the cursor stands on the letter."""
-    letter, start = cursor.peek().upper(), cursor.column
-    cursor.place += 1
-    value = cursor.value()
-    end = cursor.columns[cursor.place - 1] + 1
-    number = value.value if isinstance(value, Number) else None
-    return ScannedWord(letter, number, value if number is None else None, start, end)
 
 
 def _no_letter(cursor: Cursor) -> ProgramError:
@@ -211,34 +246,3 @@ def _no_letter(cursor: Cursor) -> ProgramError:
     if cursor.peek() == "$":
         return cursor.error("a command of GRBL or a name of another control", repr(cursor.peek(8)), "Take it out")
     return cursor.error("a letter is expected", repr(cursor.peek()))
-
-
-def _flow(cursor: Cursor) -> FlowWord:
-    """Read an O word; the cursor stands on the letter."""
-    column = cursor.column
-    cursor.place += 1
-    label: str | Expression
-    if cursor.peek() == "<":
-        label = cursor.name()
-    else:
-        number = cursor.value()
-        label = f"{number.value:g}" if isinstance(number, Number) and number.value == int(number.value) else number
-        if isinstance(number, Number) and number.value < 0.0:
-            raise cursor.fault("an O word's number is negative", column, f"{number.value:g}", None)
-    for keyword in FLOW_KEYWORDS:
-        if cursor.take(keyword):
-            break
-    else:
-        if cursor.peek():
-            raise cursor.error("an unknown O word", repr(cursor.peek(12)), "One of: " + " ".join(sorted(FLOW_KEYWORDS)))
-        keyword = ""
-    arguments: list[Expression] = []
-    while cursor.peek() == "[":
-        arguments.append(cursor.value())
-    most = {"call": 30, "while": 1, "if": 1, "elseif": 1, "repeat": 1, "return": 1, "endsub": 1}.get(keyword, 0)
-    least = 1 if keyword in ("if", "elseif", "repeat", "while") else 0
-    if not least <= len(arguments) <= most:
-        raise cursor.fault(
-            f"O... {keyword} has the wrong number of values", column, len(arguments), f"Write {least} to {most}"
-        )
-    return FlowWord(label, keyword, tuple(arguments), column)

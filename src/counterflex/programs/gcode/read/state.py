@@ -13,8 +13,7 @@ from typing import Final
 
 from counterflex.core.units import INCH, MM
 from counterflex.programs.gcode.read.codes import CYCLES
-from counterflex.programs.gcode.read.frames import Frame
-from counterflex.programs.gcode.read.work_offsets import ZERO, Six, WorkOffsets
+from counterflex.programs.gcode.read.work_offsets import ZERO, Frame, Six, WorkOffsets
 from counterflex.programs.program import Modal
 
 FOOT: Final = 12.0 * INCH

@@ -17,8 +17,7 @@ from counterflex.core.units import MM
 NAMES: Final = ("CYCLE81", "CYCLE82", "CYCLE83")
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)")
 _MOST: Final = 10_000
-_CHIP_M: Final = 1.0 * MM
-"""How far chip breaking goes back (VARI = 0)."""
+_CHIP_M: Final = 1.0 * MM  # How far chip breaking goes back (VARI = 0)
 _DEEPEST_PLAIN_M: Final = 30.0 * MM
 
 

@@ -11,7 +11,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MINUTE, RPM
 from counterflex.geometry.circle import angle_to, circle
-from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre, by_radius
+from counterflex.programs.gcode.read.arc import Arc, ArcFault
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.gcode.sinumerik.block import MIDDLE, SinumerikBlock
 from counterflex.programs.gcode.sinumerik.cycles import Cycle
@@ -329,10 +329,10 @@ class SinumerikMoveMaker:
         unit = state.unit_m
         if centre is not None:
             b = b if opening is None else _turned(a, centre, opening * DEG * (-1.0 if clockwise else 1.0))
-            return by_centre(a, b, centre, clockwise, turns, unit), b
+            return Arc.by_centre(a, b, centre, clockwise, turns, unit), b
         angle = opening or 0.0
         size = math.copysign(0.5 * math.dist(a, b) / math.sin(0.5 * angle * DEG), 180.0 - angle) if angle else 0.0
-        return by_radius(a, b, size if radius is None else radius * unit, clockwise, turns, unit), b
+        return Arc.by_radius(a, b, size if radius is None else radius * unit, clockwise, turns, unit), b
 
     def _refuse_form(self, block: SinumerikBlock, centred: bool, in_plane: bool) -> None:
         """Refuse an arc that is given in no way, in two, or without the end that it needs."""

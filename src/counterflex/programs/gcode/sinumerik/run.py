@@ -19,7 +19,7 @@ from counterflex.programs.gcode.sinumerik.cycles import Cycle, cycle_of
 from counterflex.programs.gcode.sinumerik.jumps import SinumerikFlow
 from counterflex.programs.gcode.sinumerik.moves import SinumerikMoveMaker, frame_of
 from counterflex.programs.gcode.sinumerik.scanner import Line, ScannedName, scan
-from counterflex.programs.gcode.sinumerik.source import Library, SinumerikSource, head_of, no_library
+from counterflex.programs.gcode.sinumerik.source import Library, SinumerikHead, SinumerikSource, no_library
 from counterflex.programs.gcode.sinumerik.state import SinumerikState
 from counterflex.programs.gcode.sinumerik.words import AXES, M_END, ROTARY, SINUMERIK, VECTOR, WordTable
 from counterflex.programs.program import Block as ReadBlock, Modal, Program
@@ -121,7 +121,7 @@ class SinumerikRun:
             flow.index += 1
             return False
         if flow.source.flow:
-            head = head_of(text)
+            head = SinumerikHead.of(text)
             if head.keyword:
                 self._append(number, text, (), len(self.maker.motions))
                 flow.control(text, head)

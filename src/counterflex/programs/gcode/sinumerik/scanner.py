@@ -40,6 +40,29 @@ class Address:
     end: int  # Index behind its last one
     literal: bool = True  # False where the value came from an R parameter
 
+    @classmethod
+    def assigned(cls, text: str, given: re.Match[str], name: str, line: int, variables: Variables) -> Address:
+        """An address with ``=``."""
+        address, at, mode = given[1].upper(), given.end(), _MODE.match(text, given.end())
+        at = mode.end() if mode is not None else at
+        literal = _PLAIN.match(text, at) is not None or mode is not None
+        value, end = value_at(text, at, name, line, variables)
+        if mode is not None:
+            close = re.compile(r"\s*\)").match(text, end)
+            if close is None:
+                raise _open(text, mode.start(), name, line)
+            literal, end = re.fullmatch(rf"\s*{_NUMBER}\s*", text[at:end], re.IGNORECASE) is not None, close.end()
+        if isinstance(value, Unknown) and address in (*AXES, *ROTARY) and _LEAVES.search(code_part(text, 0)):
+            value = 0.0  # a place of the machine is not known, whatever its number
+        value = known(value, address, f"{name}:{line}:{given.start() + 1}", text=text[given.start() : end])
+        if isinstance(value, str):
+            return cls(address, None, value, "", given.start(), end)
+        if not isinstance(value, int | float):
+            raise error_at(name, line, f"the value of {address} is no number", given.start(), text[given.start() : end])
+        if not abs(value) <= _LARGEST:
+            raise error_at(name, line, "a number is out of range", given.start(), f"{value:g}", f"At most {_LARGEST:g}")
+        return cls(address, float(value), None, mode[1].upper() if mode else "", given.start(), end, literal)
+
 
 @dataclass(frozen=True, slots=True)
 class ScannedName:
@@ -115,7 +138,7 @@ def scan(text: str, name: str, line: int, variables: Variables) -> Line:
                 if not given[1].startswith("$"):
                     variables.assign(given[1], index, content)  # what follows in the block sees it
             else:
-                address = _assigned(text, given, name, line, variables)
+                address = Address.assigned(text, given, name, line, variables)
                 _refuse_set_here(assigned, text[given.end() : address.end], name, line, given.start())
                 addresses.append(address)
                 at = address.end
@@ -181,29 +204,6 @@ def _number(text: str, column: int, name: str, line: int) -> float:
     if not abs(value) <= _LARGEST:
         raise error_at(name, line, "a number is out of range", column, text, f"At most {_LARGEST:g}")
     return value
-
-
-def _assigned(text: str, given: re.Match[str], name: str, line: int, variables: Variables) -> Address:
-    """An address with ``=``."""
-    address, at, mode = given[1].upper(), given.end(), _MODE.match(text, given.end())
-    at = mode.end() if mode is not None else at
-    literal = _PLAIN.match(text, at) is not None or mode is not None
-    value, end = value_at(text, at, name, line, variables)
-    if mode is not None:
-        close = re.compile(r"\s*\)").match(text, end)
-        if close is None:
-            raise _open(text, mode.start(), name, line)
-        literal, end = re.fullmatch(rf"\s*{_NUMBER}\s*", text[at:end], re.IGNORECASE) is not None, close.end()
-    if isinstance(value, Unknown) and address in (*AXES, *ROTARY) and _LEAVES.search(code_part(text, 0)):
-        value = 0.0  # a place of the machine is not known, whatever its number
-    value = known(value, address, f"{name}:{line}:{given.start() + 1}", text=text[given.start() : end])
-    if isinstance(value, str):
-        return Address(address, None, value, "", given.start(), end)
-    if not isinstance(value, int | float):
-        raise error_at(name, line, f"the value of {address} is no number", given.start(), text[given.start() : end])
-    if not abs(value) <= _LARGEST:
-        raise error_at(name, line, "a number is out of range", given.start(), f"{value:g}", f"At most {_LARGEST:g}")
-    return Address(address, float(value), None, mode[1].upper() if mode else "", given.start(), end, literal)
 
 
 def code_part(text: str, at: int) -> str:

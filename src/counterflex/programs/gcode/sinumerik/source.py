@@ -44,6 +44,16 @@ class SinumerikHead:
     label_end: int  # Index behind the colon
     rest: int  # Index behind the keyword
 
+    @classmethod
+    def of(cls, line: str) -> SinumerikHead:
+        """Return what stands before the words of a line."""
+        match = _HEAD.match(line)
+        assert match is not None
+        keyword = _KEYWORD.match(line, match.end())
+        start, end = match.span("label") if match["label"] else (match.end(), match.end())
+        return cls("" if keyword is None else keyword[1].upper(), start, end, match.end() if keyword is None else
+                    keyword.end())  # fmt: skip
+
 
 def code_of(line: str) -> str:
     """Return a line without its comment, as long as it was."""
@@ -53,16 +63,6 @@ def code_of(line: str) -> str:
         if character == ";" and not quoted:
             return line[:index]
     return line
-
-
-def head_of(line: str) -> SinumerikHead:
-    """Return what stands before the words of a line."""
-    match = _HEAD.match(line)
-    assert match is not None
-    keyword = _KEYWORD.match(line, match.end())
-    start, end = match.span("label") if match["label"] else (match.end(), match.end())
-    return SinumerikHead("" if keyword is None else keyword[1].upper(), start, end, match.end() if keyword is None else
-                keyword.end())  # fmt: skip
 
 
 @dataclass
@@ -98,7 +98,7 @@ class SinumerikSource:
             raise self._fault(opened[-1].start, f"{opened[-1].keyword} is never closed")
 
     def _place(self, index: int, code: str, opened: list[SinumerikConstruct]) -> None:
-        head = head_of(code)
+        head = SinumerikHead.of(code)
         word, rest = head.keyword, code[head.rest :].strip()
         if word in ("FOR", "WHILE", "LOOP") or (word == "IF" and not _JUMP.search(rest)) or (
             word == "REPEAT" and not rest):  # fmt: skip

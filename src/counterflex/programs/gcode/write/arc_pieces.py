@@ -12,7 +12,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.programs.gcode.write.arc_fit import arc_error, fit_centre
-from counterflex.programs.simplify import simplify
+from counterflex.programs.motion_rows import simplify
 
 T = TypeVar("T")
 _LARGEST_PIECE_RAD: Final = 1.9 * math.pi

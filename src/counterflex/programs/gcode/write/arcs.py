@@ -14,8 +14,7 @@ from counterflex.programs.gcode.write.machine import WrittenMachine, work_axes
 from counterflex.programs.gcode.write.written_line import WrittenLine, number
 from counterflex.programs.program import Block, Motion, Word
 
-_ROUNDINGS = 3.0
-"""Last decimals that start, end and centre together may shift a written arc by."""
+_ROUNDINGS = 3.0  # Last decimals that start, end and centre together may shift a written arc by
 
 
 _CENTRE_WORDS = ("I", "J", "K", "R", "AR")

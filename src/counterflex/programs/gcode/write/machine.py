@@ -13,12 +13,10 @@ from counterflex.core.units import DEG, INCH, MM
 from counterflex.programs.gcode.write.written_line import AXES, Spell, WrittenLine, number, spelling_of
 from counterflex.programs.machine_in_place import MachineInPlace
 from counterflex.programs.motion_rows import LEAST_FEED_CHANGE
-from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Program, Word
+from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Program
 
-_MORE_DIGITS: Final = 1
-"""A rotary word has one decimal more than a length: 1e-5 deg moves the tip by 0.1 um at 0.6 m."""
-_VECTOR_DIGITS: Final = 3
-"""A component of the tool axis has three more: 1e-7 rad."""
+_MORE_DIGITS: Final = 1  # A rotary word has one decimal more than a length: 1e-5 deg moves the tip by 0.1 um at 0.6 m
+_VECTOR_DIGITS: Final = 3  # A component of the tool axis has three more: 1e-7 rad
 
 
 class TurnWords:
@@ -103,11 +101,6 @@ MOTION_CODES: Final = frozenset(
 _STOPS: Final = frozenset((0.0, 1.0, 2.0, 17.0, 30.0, 60.0))
 
 
-def counts_from_zero(word: Word, modal: Modal) -> bool:
-    """Return whether an axis word is absolute, by itself or by the mode of its block."""
-    return modal.absolute if word.absolute is None else word.absolute
-
-
 def work_axes(modal: Modal, points: Float) -> Float:
     """Points (..., 3) of the part along the programmed axes, from the zero of the part."""
     return points if modal.R_part_work is None else points @ np.array(modal.R_part_work)
@@ -119,7 +112,6 @@ class WrittenMachine(MachineInPlace):
     The offset ``off`` is the written minus the nominal position of the source at the same block, in m; an axis that
     was never moved has exactly zero. It is what later blocks inherit where they leave out a word, count from the
     current position (G91) or set the origin there (G92).
-
     """
 
     def prepare(self) -> None:
@@ -200,7 +192,7 @@ class WrittenMachine(MachineInPlace):
         zero, starts, ends = work_axes(modal, np.array([modal.p_part_origin, motion.p_start, motion.p_end])).tolist()
         for word in block.words:
             axis = AXES.find(word.letter)
-            base = (zero if counts_from_zero(word, modal) else starts)[axis]
+            base = (zero if word.counts_from_zero(modal) else starts)[axis]
             if axis >= 0 and abs(base + word.value * modal.unit_m - ends[axis]) > 1e-7:
                 raise ProgramError(
                     "a corrected block does not lead to its target by its own words",
@@ -217,7 +209,7 @@ class WrittenMachine(MachineInPlace):
     def keep(self, line: WrittenLine, modal: Modal) -> None:
         """A line that stays as it is: absolute words lead to the nominal position, everything else keeps its offset."""
         words = [line.find(letter) for letter in AXES]
-        settled = [word is not None and counts_from_zero(word, modal) for word in words]
+        settled = [word is not None and word.counts_from_zero(modal) for word in words]
         if modal.R_part_work is not None and not all(settled):
             return
         self.off = [0.0 if named else off for named, off in zip(settled, self.off, strict=True)]
@@ -234,7 +226,7 @@ class WrittenMachine(MachineInPlace):
         for axis in range(3):
             word = line.find(AXES[axis])
             end, move = ends[axis], moves[axis]
-            if word is not None and move == 0.0 and (counts_from_zero(word, modal) or self.off[axis] == 0.0):
+            if word is not None and move == 0.0 and (word.counts_from_zero(modal) or self.off[axis] == 0.0):
                 reached = end
             elif word is None and not self.changes(modal, axis, end + move):
                 reached = self.current(axis)
@@ -285,7 +277,7 @@ class WrittenMachine(MachineInPlace):
             word = line.find(AXES[axis]) if line is not None else None
             if word is None and abs(goal[axis] - at[axis]) <= half:
                 continue
-            if word is not None and counts_from_zero(word, modal) and abs(goal[axis] - word.value * unit) <= half:
+            if word is not None and word.counts_from_zero(modal) and abs(goal[axis] - word.value * unit) <= half:
                 at[axis] = word.value * unit
                 continue
             base = 0.0 if modal.absolute else at[axis]

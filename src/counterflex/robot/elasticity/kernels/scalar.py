@@ -183,7 +183,7 @@ def chain_pass(chain: Compact, trig: Float, delta: Float, elastic: int, frame: F
 
 @kernel("float64(Surroundings, float64)", Surroundings=SURROUNDINGS)
 def balance_torque(surroundings: Record, q: float) -> float:
-    """Torque of the counterbalance on its axis; see :func:`.gravity.counterbalance_torque`."""
+    """Torque of the counterbalance on its axis; see :meth:`.Counterbalance.torque`."""
     column, arm = surroundings.anchor_column, surroundings.anchor_arm
     area = surroundings.piston_area
     d = q - surroundings.q_min_force

@@ -19,8 +19,7 @@ from counterflex.twin.truth.truth import CuttingTruth
 
 STAMP_M: Final = 0.02 * MM
 """Way between two places of the tool at which material is taken away: a tilted flat end leaves a saw of a quarter."""
-_LEVER_M: Final = 20.0 * MM
-"""Height on the tool at which its way is measured beside the tip."""
+_LEVER_M: Final = 20.0 * MM  # Height on the tool at which its way is measured beside the tip
 
 
 class TurningProcess(StockCutting):

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from counterflex.integrations.abb.language.read.blocks import Label, LoopBlock, Simple, TestBlock, Tree
-from counterflex.integrations.abb.language.read.literals import arguments
 from counterflex.integrations.abb.language.read.routines import Modules, RapidRoutine
 from counterflex.integrations.abb.language.read.scanner import RapidStatement
 from counterflex.integrations.abb.language.table import CYCLIC, OUTPUTS, SETS_MOTION, TABLE
@@ -122,7 +121,7 @@ class EffectsOf:
     def _instruction(self, statement: RapidStatement, routine: RapidRoutine, out: Effects) -> None:
         word = statement.word
         called = self._modules.find(word, routine.module)
-        names = list(names_given(statement))
+        names = list(statement.names_given())
         if called is not None:
             self._called(word, routine, out, statement)
             if any(parameter.reference for parameter in called.parameters):
@@ -139,22 +138,6 @@ def is_output(word: str, position: int, option: str) -> bool:
     """Return whether an instruction writes into an argument, by position or option."""
     places = OUTPUTS.get(word, ())
     return position in places or position == CYCLIC.get(word) or (option != "" and option in places)
-
-
-def names_given(statement: RapidStatement) -> Iterator[tuple[int, str, str]]:
-    """Return the arguments of an instruction that are names: position or -1, option or nothing, name in capitals."""
-    position = 0
-    word = re.match(r"\w+", statement.code)
-    given = arguments(statement.code, 0 if word is None else word.end(), len(statement.code))
-    for argument in given:
-        for option, (text, _, _) in argument.options.items():
-            if (match := re.match(r"[A-Za-z]\w*", text)) is not None:
-                yield -1, option, match[0].upper()
-        if not argument.text:
-            continue
-        if (match := re.match(r"[A-Za-z]\w*", argument.text)) is not None:
-            yield position, "", match[0].upper()
-        position += 1
 
 
 def _calls_in(nodes: Iterable[Node]) -> Iterator[str]:

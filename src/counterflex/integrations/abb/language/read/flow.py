@@ -18,10 +18,8 @@ from counterflex.programs.expression import Node, is_number
 from counterflex.programs.program import Motion
 from counterflex.programs.unknown import Unknown
 
-_NEAR: Final = 1e-5
-"""Share of the step of FOR within which its end may or may not be reached: num has 24 bits."""
-_STILL: Final = 100_000
-"""Statements without a motion, at most: a second or two of computing time."""
+_NEAR: Final = 1e-5  # Share of the step of FOR within which its end may or may not be reached: num has 24 bits
+_STILL: Final = 100_000  # Statements without a motion, at most: a second or two of computing time
 WITHOUT: Final = "Post the path without this condition, or give its value in the text"
 
 

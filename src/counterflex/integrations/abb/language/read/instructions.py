@@ -15,7 +15,7 @@ from counterflex.core.units import MM
 from counterflex.geometry import pose
 from counterflex.integrations.abb.language.program import RapidMotion
 from counterflex.integrations.abb.language.read.arithmetic import matrix, pose_inverse, pose_product
-from counterflex.integrations.abb.language.read.effects import Effects, EffectsOf, names_given
+from counterflex.integrations.abb.language.read.effects import Effects, EffectsOf
 from counterflex.integrations.abb.language.read.literals import CallArgument
 from counterflex.integrations.abb.language.read.memory import RapidMemory, Reference
 from counterflex.integrations.abb.language.read.motions import RapidMotions
@@ -229,7 +229,7 @@ class Instructions(RapidMotions):
         row = TABLE.find(statement.word)
         word = statement.word if row is None else row.word
         unknown = Unknown(f"{word} may change it at any time", self._line(statement))
-        for position, _, name in names_given(statement):
+        for position, _, name in statement.names_given():
             reference = self.memory.find(name) if position == CYCLIC[statement.word] else None
             if reference is not None:
                 self._volatile(reference, unknown)

@@ -12,7 +12,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.integrations.abb.language.program import RoutineCall
 from counterflex.integrations.abb.language.read.blocks import Simple
 from counterflex.integrations.abb.language.read.calls import Calls, Given
-from counterflex.integrations.abb.language.read.effects import EffectsOf, is_output, names_given
+from counterflex.integrations.abb.language.read.effects import EffectsOf, is_output
 from counterflex.integrations.abb.language.read.flow import WITHOUT, BlockEnd, Jump, MayReturn, RapidFlow, Return
 from counterflex.integrations.abb.language.read.frames import RapidCell, RapidFrames
 from counterflex.integrations.abb.language.read.instructions import HANDLERS, Instructions
@@ -34,8 +34,7 @@ _MOST: Final = 200_000
 _DEEPEST: Final = 30
 _COMPUTED: Final = re.compile(r"-?\s*([A-Za-z]\w*)(?:\{[\w,]+\}|\.\w+)*(?:\s*[-+*/]\s*[\w.]+)?")
 """An argument that may be a number: a name, and what is added to it."""
-_LONGEST: Final = 8
-"""Statements of a machine function at most, for those whose numbers are computed."""
+_LONGEST: Final = 8  # Statements of a machine function at most, for those whose numbers are computed
 _ASSIGNMENT: Final = re.compile(r"([A-Za-z]\w*(?:\s*\{[^}]*\}|\s*\.\s*\w+)*)\s*:=", re.DOTALL)
 
 
@@ -246,7 +245,7 @@ class RapidInterpreter(RapidFlow, Instructions, Calls):
         handler = HANDLERS.get(word)
         if handler is not None:
             handler(self, statement, arguments(self.source.code, statement.start + len(word), statement.end))
-        for position, option, name in names_given(statement):
+        for position, option, name in statement.names_given():
             if is_output(word, position, option):
                 self._forget_output(name, row.word, statement)
 

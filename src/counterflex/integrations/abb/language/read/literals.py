@@ -127,24 +127,25 @@ class CallArgument:
     options: dict[str, tuple[str, int, int]]
     behind: int  # Index behind its options
 
+    @classmethod
+    def of(cls, code: str, start: int, end: int) -> CallArgument:
+        """Read an argument of a call."""
+        pieces = list(_divided(code, start, end, "\\"))
+        first, options = pieces[0], {}
+        behind = _trimmed(code, *first)[1]
+        for a, b in pieces[1:]:
+            match = _OPTION.match(code, a - 1, b)
+            place = _trimmed(code, a if match is None else match.end(), b)
+            key = code[a:b].strip().upper() if match is None else match[1].upper()
+            options[key] = (code[place[0] : place[1]], *place)
+            behind = max(behind, place[1], 0 if match is None else match.end(1))
+        a, b = _trimmed(code, *first)
+        return cls(code[a:b], a, b, options, behind)
+
 
 def arguments(code: str, start: int, end: int) -> list[CallArgument]:
     """Arguments between two indices of a text: divided by commas outside of brackets, each with its options."""
-    return [_argument(code, a, b) for a, b in _divided(code, start, end, ",")]
-
-
-def _argument(code: str, start: int, end: int) -> CallArgument:
-    pieces = list(_divided(code, start, end, "\\"))
-    first, options = pieces[0], {}
-    behind = _trimmed(code, *first)[1]
-    for a, b in pieces[1:]:
-        match = _OPTION.match(code, a - 1, b)
-        place = _trimmed(code, a if match is None else match.end(), b)
-        key = code[a:b].strip().upper() if match is None else match[1].upper()
-        options[key] = (code[place[0] : place[1]], *place)
-        behind = max(behind, place[1], 0 if match is None else match.end(1))
-    a, b = _trimmed(code, *first)
-    return CallArgument(code[a:b], a, b, options, behind)
+    return [CallArgument.of(code, a, b) for a, b in _divided(code, start, end, ",")]
 
 
 def _trimmed(code: str, start: int, end: int) -> tuple[int, int]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.errors import ProgramError
+from counterflex.integrations.abb.language.read.literals import arguments
 
 _COMMENT: Final = re.compile(r'"(?:[^"\n]|"")*"|![^\r\n]*|%%%.*?%%%', re.DOTALL)
 _STRING: Final = re.compile(r'"(?:[^"\n]|"")*"')
@@ -36,6 +37,21 @@ class RapidStatement:
     line: int  # 1-based line of its first character, in its file
     structure: bool  # It opens or closes a part and has no semicolon
     word: str = ""  # Its first word, in capitals
+
+    def names_given(self) -> Iterator[tuple[int, str, str]]:
+        """Return the arguments that are names: position or -1, option or nothing, name in capitals."""
+        position = 0
+        word = re.match(r"\w+", self.code)
+        given = arguments(self.code, 0 if word is None else word.end(), len(self.code))
+        for argument in given:
+            for option, (text, _, _) in argument.options.items():
+                if (match := re.match(r"[A-Za-z]\w*", text)) is not None:
+                    yield -1, option, match[0].upper()
+            if not argument.text:
+                continue
+            if (match := re.match(r"[A-Za-z]\w*", argument.text)) is not None:
+                yield position, "", match[0].upper()
+            position += 1
 
 
 @dataclass(frozen=True, slots=True)

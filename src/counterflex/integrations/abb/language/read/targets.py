@@ -23,13 +23,11 @@ from counterflex.programs.unknown import Unknown, first_unknown, known
 _OFFS: Final = re.compile(r"Offs\s*\(", re.IGNORECASE)
 _NUMBER: Final = re.compile(NUMBER)
 _SIZE: Final = re.compile(r"\bDim\s*\(\s*\w+", re.IGNORECASE)
-_NONE_FROM: Final = 8e8
-"""External axes that are not there are 9E9."""
+_NONE_FROM: Final = 8e8  # External axes that are not there are 9E9
 _LARGEST_MM: Final = 100_000.0
 _LARGEST_MM_S: Final = 20_000.0
 _UNIT: Final = 1e-3
-_KEPT: Final = 1000
-"""Values of names that are kept: a routine that is called again and again has others each time."""
+_KEPT: Final = 1000  # Values of names that are kept: a routine that is called again and again has others each time
 
 
 @dataclass(frozen=True, slots=True)

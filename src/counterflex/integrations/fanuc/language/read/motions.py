@@ -25,8 +25,8 @@ from counterflex.integrations.fanuc.language.read.targets import TpTarget, TpTar
 from counterflex.integrations.fanuc.language.read.values import CONFIG, TpValues
 from counterflex.programs.expression import Value
 from counterflex.programs.program import Motion, Word
-from counterflex.programs.robot_text.by_axes import Away, ExecutionByAxes
 from counterflex.programs.robot_text.cell import NumberedCell
+from counterflex.programs.robot_text.execution import Away, ExecutionByAxes
 from counterflex.programs.unknown import Unknown, known
 
 _SAME_CIRCLE_M: Final = 5e-6

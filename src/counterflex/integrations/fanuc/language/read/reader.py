@@ -31,8 +31,7 @@ from counterflex.programs.unknown import Unknown
 
 _MOST: Final = 100_000
 """Statements executed beyond ten times those written: a loop that never ends reaches it within seconds."""
-_MOST_IDLE: Final = 20_000
-"""Statements executed beyond those written without a motion between them."""
+_MOST_IDLE: Final = 20_000  # Statements executed beyond those written without a motion between them
 _DEEPEST: Final = 40
 _I: Final = re.IGNORECASE
 _REGISTER: Final = r"A?R\s*\[.*\]"

@@ -41,6 +41,20 @@ class TpTarget:
     external_axes: Mapping[int, float] = field(default_factory=dict)
     others: str = ""  # Text of further motion groups
 
+    @classmethod
+    def by_axes(cls, values: Mapping[str, Value], computed: str, name: str, where: str) -> TpTarget:
+        """Target of J1 to J6 and external axes; not known where one of the six is missing."""
+        axes = tuple(float(cast("float", values[f"J{n}"])) for n in range(1, 7) if f"J{n}" in values)
+        if len(axes) < _AXES:
+            return cls(None, computed=computed, unknown=Unknown(f"{name} has no J1 to J6", where))
+        external = {
+            n: float(cast("float", values[key]))
+            for n in (1, 2, 3)
+            for key in (f"E{n}", f"J{_AXES + n}")
+            if key in values
+        }
+        return cls(None, computed=computed, axes=axes, external_axes=external)
+
 
 class TpTargets:
     """Evaluates the ends and speeds of motions.
@@ -81,7 +95,7 @@ class TpTargets:
                             hint="The listing may be damaged: post it again")  # fmt: skip
             if not literal.numbers:
                 values: dict[str, Value] = {**literal.axes, **{f"E{n}": one for n, one in literal.external.items()}}
-                return replace(_by_axes(values, "", name, where), others=literal.others)
+                return replace(TpTarget.by_axes(values, "", name, where), others=literal.others)
             self._frames_of(literal, routine)
             computed = "" if form.index.isdigit() else f"{name} by a register"
             return TpTarget(
@@ -100,7 +114,7 @@ class TpTargets:
         if unknown is not None:
             return TpTarget(None, computed=name, unknown=unknown)
         if "J1" in value:
-            return _by_axes(value, name, name, where)
+            return TpTarget.by_axes(value, name, name, where)
         if (self.frames.user_frame < 0 or self.frames.user_tool < 0) and self.cell is not None:
             raise ProgramError(
                 "the program does not say which frames are active", where=where, value=name,
@@ -290,17 +304,6 @@ class TpTargets:
         if not is_number(value) or not float(value).is_integer():  # type: ignore[arg-type]
             raise fault(routine.listing, statement, "the number of a position is not whole", hint="Write it itself")
         return int(value)  # type: ignore[call-overload, no-any-return]
-
-
-def _by_axes(values: Mapping[str, Value], computed: str, name: str, where: str) -> TpTarget:
-    """Target of J1 to J6 and external axes; not known where one of the six is missing."""
-    axes = tuple(float(cast("float", values[f"J{n}"])) for n in range(1, 7) if f"J{n}" in values)
-    if len(axes) < _AXES:
-        return TpTarget(None, computed=computed, unknown=Unknown(f"{name} has no J1 to J6", where))
-    external = {
-        n: float(cast("float", values[key])) for n in (1, 2, 3) for key in (f"E{n}", f"J{_AXES + n}") if key in values
-    }
-    return TpTarget(None, computed=computed, axes=axes, external_axes=external)
 
 
 def _added(T: Float, value: Value, name: str, where: str) -> Float:

@@ -11,18 +11,16 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.kuka.language.read import statements as form
-from counterflex.integrations.kuka.language.read.blocks import Blocks, StatementBlock
-from counterflex.integrations.kuka.language.read.job import KrlRoutine
+from counterflex.integrations.kuka.language.read.job import Activation, KrlRoutine
 from counterflex.integrations.kuka.language.read.routines import FLOW, Routines
+from counterflex.integrations.kuka.language.read.statements import Blocks, StatementBlock
 from counterflex.integrations.kuka.language.read.values import GRAMMAR, Value
-from counterflex.integrations.kuka.language.read.variables import Activation
 from counterflex.programs.expression import ExpressionError, parse
 from counterflex.programs.unknown import Unknown, known
 
 _MOST_PASSES: Final = 20_000
 """Passes of WHILE, LOOP, REPEAT and backward GOTO: 100 levels of 200 rows; a loop without end stops within seconds."""
-_MOST_COUNTED: Final = 1_000_000
-"""Passes of one FOR loop: more points than any part has."""
+_MOST_COUNTED: Final = 1_000_000  # Passes of one FOR loop: more points than any part has
 
 
 class KrlFlow(Routines):

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.integrations.kuka.language.program import KrlMotion
+from counterflex.integrations.kuka.language.program import KrlMotion, WithFault, with_clause
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.read.job import KrlJob, KrlRoutine
@@ -18,7 +18,6 @@ from counterflex.integrations.kuka.language.read.literals import code_of, number
 from counterflex.integrations.kuka.language.read.motions import MOTIONS, Held, KrlMotions
 from counterflex.integrations.kuka.language.read.table import ACTING, TABLE
 from counterflex.integrations.kuka.language.read.values import Value
-from counterflex.integrations.kuka.language.with_clause import WithFault, with_clause
 from counterflex.programs.expression import is_number
 from counterflex.programs.program import Word
 from counterflex.programs.robot_text.process_words import ProcessWords

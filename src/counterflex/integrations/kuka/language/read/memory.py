@@ -10,11 +10,10 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
 from counterflex.integrations.kuka.language.program import LETTERS
-from counterflex.integrations.kuka.language.read import values, variables
-from counterflex.integrations.kuka.language.read.data_list import DataList, Named
+from counterflex.integrations.kuka.language.read import job as variables, values
 from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.read.job import KrlJob
-from counterflex.integrations.kuka.language.read.literals import simple_record
+from counterflex.integrations.kuka.language.read.literals import DataList, Named, simple_record
 from counterflex.programs.expression import ExpressionError, Node, evaluate
 from counterflex.programs.unknown import Unknown, first_unknown
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 from counterflex.integrations.kuka.language.read import statements as form
-from counterflex.integrations.kuka.language.read.data_list import DECLARED, IMPORT, SIGNAL, key_of
 from counterflex.integrations.kuka.language.read.flow import KrlFlow
 from counterflex.integrations.kuka.language.read.frames import KrlCell, KrlFrames
 from counterflex.integrations.kuka.language.read.job import KrlJob
-from counterflex.integrations.kuka.language.read.system_variables import ONE_VALUE
-from counterflex.integrations.kuka.language.read.table import TABLE
+from counterflex.integrations.kuka.language.read.literals import DECLARED, IMPORT, SIGNAL, key_of
+from counterflex.integrations.kuka.language.read.table import ONE_VALUE, TABLE
 from counterflex.integrations.kuka.language.read.values import GRAMMAR, StoredFrame, Value, is_frame, matrix_of
 from counterflex.programs.expression import Call, ExpressionError, Name, Node, is_number, parse
 from counterflex.programs.statement_table import Treatment

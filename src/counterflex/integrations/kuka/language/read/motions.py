@@ -10,14 +10,13 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, RPM
 from counterflex.geometry import pose
-from counterflex.integrations.kuka.language.program import KrlMotion
+from counterflex.integrations.kuka.language.program import KrlMotion, WithClause
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.read.job import KrlJob
 from counterflex.integrations.kuka.language.read.modes import KrlModes
 from counterflex.integrations.kuka.language.read.targets import KrlTargets, TargetPlace
 from counterflex.integrations.kuka.language.read.values import AXES, Value, record_of
-from counterflex.integrations.kuka.language.with_clause import WithClause
 from counterflex.programs.expression import is_number
 from counterflex.programs.program import Motion
 from counterflex.programs.unknown import Unknown

@@ -14,8 +14,7 @@ from counterflex.core.file_content import content
 from counterflex.integrations.kuka.language.program import KrlProgram
 from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.read.interpreter import KrlInterpreter
-from counterflex.integrations.kuka.language.read.job import KrlJob, text_in
-from counterflex.integrations.kuka.language.read.variables import kept_of
+from counterflex.integrations.kuka.language.read.job import KrlJob, kept_of, text_in
 from counterflex.programs.program import same_motions
 from counterflex.programs.source_text import read_text
 

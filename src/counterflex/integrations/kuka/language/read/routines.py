@@ -8,22 +8,26 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.kuka.language.read import statements as form
-from counterflex.integrations.kuka.language.read.blocks import Blocks, blocks_of
 from counterflex.integrations.kuka.language.read.frames import KrlCell
-from counterflex.integrations.kuka.language.read.job import KrlJob, KrlParameter, KrlRoutine, Module
+from counterflex.integrations.kuka.language.read.job import (
+    Activation,
+    KrlJob,
+    KrlParameter,
+    KrlRoutine,
+    Module,
+    Variable,
+)
 from counterflex.integrations.kuka.language.read.memory import KrlMemory
+from counterflex.integrations.kuka.language.read.statements import Blocks, blocks_of
 from counterflex.integrations.kuka.language.read.table import WORDS
 from counterflex.integrations.kuka.language.read.values import Value, tree
-from counterflex.integrations.kuka.language.read.variables import Activation, Variable
 from counterflex.programs.expression import Call, ExpressionError, Literal, Name, Node
 from counterflex.programs.program import Block as Executed
 from counterflex.programs.robot_text.execution import Execution
 from counterflex.programs.unknown import Unknown
 
-_MOST_STATEMENTS: Final = 2_000_000
-"""A program of 200 000 points executes 0.4 million statements."""
-_LARGEST: Final = 2.0**31
-"""Limit of an INT."""
+_MOST_STATEMENTS: Final = 2_000_000  # A program of 200 000 points executes 0.4 million statements
+_LARGEST: Final = 2.0**31  # Limit of an INT
 _DEEPEST: Final = 100
 """Calls within each other; KUKA's own limit of nested calls is lower (NEST_MAX of the interpreter)."""
 FLOW: Final = {

@@ -15,15 +15,21 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.geometry.circle import turned
-from counterflex.integrations.kuka.language.program import LETTERS, Component, KrlMotion, Target
+from counterflex.integrations.kuka.language.program import (
+    LETTERS,
+    Component,
+    KrlMotion,
+    Target,
+    WithClause,
+    WithFault,
+    with_clause,
+)
 from counterflex.integrations.kuka.language.read import statements as form
-from counterflex.integrations.kuka.language.read.data_list import Named
 from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.read.job import Module
-from counterflex.integrations.kuka.language.read.literals import NoNumber, components, require_cartesian
+from counterflex.integrations.kuka.language.read.literals import Named, NoNumber, components, require_cartesian
 from counterflex.integrations.kuka.language.read.memory import KrlMemory
 from counterflex.integrations.kuka.language.read.values import GRAMMAR, StoredFrame, Value, is_axes, is_frame
-from counterflex.integrations.kuka.language.with_clause import WithClause, WithFault, with_clause
 from counterflex.programs.expression import ExpressionError, Name, Node, parse
 from counterflex.programs.program import Motion, Word
 from counterflex.programs.robot_text.cell import ExternalAxes

@@ -24,8 +24,7 @@ from counterflex.integrations.kuka.language.program import LETTERS
 from counterflex.programs.expression import ExpressionError, Grammar, Node, Value as Value, is_number, parse_whole
 from counterflex.programs.unknown import Unknown
 
-_LONGEST_INTEGER: Final = 15
-"""Digits of an integer that a float holds exactly."""
+_LONGEST_INTEGER: Final = 15  # Digits of an integer that a float holds exactly
 Record = dict[str, Value]
 AXES: Final = tuple(f"A{i}" for i in range(1, 7))
 _NUMERAL: Final = r"(?:(?:\d+\.?\d*|\.\d+)(?:[Ee][-+]?\d+)?|'\s*(?:[Bb]\s*[01]+|[Hh]\s*[0-9A-Fa-f]+|\d+)\s*')"

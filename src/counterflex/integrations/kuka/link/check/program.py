@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from counterflex.integrations.kuka.link.calls import KrlStatement, RsiCalls
-from counterflex.integrations.kuka.link.context import decimal
 from counterflex.integrations.kuka.link.whole_setup import Rule, Setup, message_variables
 from counterflex.protocols.finding import Finding
 
@@ -177,7 +176,7 @@ def armed_before_enable(setup: Setup) -> Iterator[Finding]:
     if setup.program is None or on is None or not written:
         return
     path = _path_behind(setup.program, on.line)
-    switched = [item.line for item in written if on.line < item.line < (path or math.inf) and _sets(item)]
+    switched = [item.line for item in written if on.line < item.line < (path or math.inf) and item.sets()]
     state = message_variables(setup, "State")
     if switched and not any(on.line < line < switched[0] for line in _waits(setup, state)):
         yield Finding(
@@ -197,11 +196,6 @@ def armed_before_enable(setup: Setup) -> Iterator[Finding]:
 
 def _path_behind(program: RsiCalls, line: int) -> int | None:
     return next((item.line for item in program.statements if item.line > line and item.what in _PATH), None)
-
-
-def _sets(item: KrlStatement) -> bool:
-    """Return whether it enables: 1, or the number of a job."""
-    return decimal(item.arguments[1]) != 0.0 and item.arguments[1].upper() != "FALSE"
 
 
 def zero_before_off(setup: Setup) -> Iterator[Finding]:

@@ -12,8 +12,13 @@ import numpy as np
 
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
-from counterflex.integrations.staubli.language.read.application import Val3Folder
-from counterflex.integrations.staubli.language.read.branches import assignment, hidden_effect, instruction, row_of
+from counterflex.integrations.staubli.language.read.branches import (
+    Val3Folder,
+    assignment,
+    hidden_effect,
+    instruction,
+    row_of,
+)
 from counterflex.integrations.staubli.language.read.flow import Val3Flow
 from counterflex.integrations.staubli.language.read.motions import Val3Cell
 from counterflex.integrations.staubli.language.read.program_file import Val3Routine, arguments, code_of
@@ -30,8 +35,7 @@ __all__ = ["Val3Cell", "Val3Interpreter"]
 
 _MOST: Final = 100_000
 """Lines executed beyond ten times those written: a loop that never ends reaches it within seconds."""
-_MOST_IDLE: Final = 20_000
-"""Lines executed beyond those written without a motion between them."""
+_MOST_IDLE: Final = 20_000  # Lines executed beyond those written without a motion between them
 _DEEPEST: Final = 40
 _LEAST_M: Final = 1e-6
 _FOREVER: Final = re.compile(r"(?:while\s*\(?\s*true|until\s*\(?\s*false)\s*\)?")

@@ -21,12 +21,11 @@ from counterflex.integrations.staubli.language.read.store import Bound, Store
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Word
-from counterflex.programs.robot_text.by_axes import Away, ExecutionByAxes
 from counterflex.programs.robot_text.cell import RobotTextCell
+from counterflex.programs.robot_text.execution import Away, ExecutionByAxes
 from counterflex.programs.unknown import Unknown, first_unknown, known
 
-_FASTEST_MM_S: Final = 20_000.0
-"""A speed limit from here on limits nothing: the robot runs as fast as its axes."""
+_FASTEST_MM_S: Final = 20_000.0  # A speed limit from here on limits nothing: the robot runs as fast as its axes
 _COUNT: Final = {"movej": 3, "movel": 3, "movec": 4}
 _AWAY: Final = "such places before the first target and behind the last one"
 

@@ -32,6 +32,14 @@ class Val3Variable:
     size: int = 1  # Number of elements
     reference: bool = False  # A parameter that stands for the variable of the caller
 
+    @classmethod
+    def of(cls, attributes: str) -> Val3Variable:
+        """Read a declared variable."""
+        about = {part[1]: part[2] for part in _ATTRIBUTE.finditer(attributes)}
+        size = about.get("size", "1")
+        reference = about.get("use", "") == "reference" or about.get("byReference", "") == "true"
+        return cls(about.get("name", ""), about.get("type", ""), int(size) if size.isdecimal() else 1, reference)
+
 
 @dataclass
 class Val3Routine:
@@ -73,8 +81,8 @@ class Val3Routine:
             line = html.unescape(self.lines[at]) if escaped and "&" in self.lines[at] else self.lines[at]
             self.codes[at] = code_of(line).strip()
         head = text[: self.starts[self.first]] if self.first < len(self.starts) else text
-        self.parameters = [_variable(match[1]) for match in _PARAMETER.finditer(head)]  # In order
-        self.locals = [_variable(match[1]) for match in _LOCAL.finditer(head)]  # Local variables
+        self.parameters = [Val3Variable.of(match[1]) for match in _PARAMETER.finditer(head)]  # In order
+        self.locals = [Val3Variable.of(match[1]) for match in _LOCAL.finditer(head)]  # Local variables
         self._match_blocks()
 
     @property
@@ -131,13 +139,6 @@ class Val3Routine:
         if open_blocks:
             word, at = open_blocks[-1]
             raise ProgramError(f"{word} is not closed", where=f"{self.name}:{at + 1}", hint="The file may be cut off")
-
-
-def _variable(attributes: str) -> Val3Variable:
-    about = {part[1]: part[2] for part in _ATTRIBUTE.finditer(attributes)}
-    size = about.get("size", "1")
-    reference = about.get("use", "") == "reference" or about.get("byReference", "") == "true"
-    return Val3Variable(about.get("name", ""), about.get("type", ""), int(size) if size.isdecimal() else 1, reference)
 
 
 def code_of(line: str) -> str:

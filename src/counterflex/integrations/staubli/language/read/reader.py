@@ -8,7 +8,7 @@ from pathlib import Path
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.staubli.language.program import Val3Program, Val3Source
-from counterflex.integrations.staubli.language.read.application import Val3Folder
+from counterflex.integrations.staubli.language.read.branches import Val3Folder
 from counterflex.integrations.staubli.language.read.data_file import DataFile, data_file_of
 from counterflex.integrations.staubli.language.read.interpreter import Val3Interpreter
 from counterflex.integrations.staubli.language.read.motions import Val3Cell

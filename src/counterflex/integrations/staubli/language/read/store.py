@@ -22,8 +22,7 @@ _SIZE: Final = re.compile(r"\bsize\s*\(\s*((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*\)"
 _FATHER: Final = re.compile(r"((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*(?:\[\s*(\d+)\s*\])?")
 _PLAIN: Final = re.compile(r"([A-Za-z_]\w*)(?:\[(\d+)\])?")
 _DEEPEST: Final = 20
-_WHOLE: Final = 1e-6
-"""Distance of a computed index from a whole number: above the noise of binary fractions."""
+_WHOLE: Final = 1e-6  # Distance of a computed index from a whole number: above the noise of binary fractions
 ROOTS: Final = ("world", "flange")
 """Frames that have no father."""
 

@@ -56,8 +56,7 @@ def default_of(kind: str) -> Value:
     }.get(plain, Unknown(f"values of type {kind} are not read"))  # fmt: skip
 
 
-_NUMBERS: Final = {"trsf": tuple(LETTERS), "joint": tuple(JOINTS)}
-"""Values that are numbers alone, by kind."""
+_NUMBERS: Final = {"trsf": tuple(LETTERS), "joint": tuple(JOINTS)}  # Values that are numbers alone, by kind
 
 
 def _speed_description(data: DataFile, value: Val3Value) -> Value:
