@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
@@ -40,7 +41,13 @@ class TurnedPath:
 
 
 def sample_turning(
-    motions: MotionTable, turning: Turning, *, step_m: float, rapid_speed_m_s: float, chord_m: float
+    motions: MotionTable,
+    turning: Turning,
+    *,
+    step_m: float,
+    rapid_speed_m_s: float,
+    chord_m: float,
+    step_s: float = math.inf,
 ) -> TurnedPath:
     """Cut motions that turn the tool into short segments.
 
@@ -54,6 +61,7 @@ def sample_turning(
         step_m: Longest step, m, > 0.
         rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.
         chord_m: Allowed chord error of arcs, m, > 0.
+        step_s: Longest time of a step, s, > 0.
 
     Raises:
         InputError: As :func:`~counterflex.path.sampling.sample`.
@@ -71,6 +79,7 @@ def sample_turning(
         step_m=step_m,
         rapid_speed_m_s=rapid_speed_m_s,
         chord_m=chord_m,
+        step_s=step_s,
         least=least,
     )
     if n == 0:
