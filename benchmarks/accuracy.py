@@ -138,10 +138,10 @@ def one(name: str, family: str, seed: int, levels: list[str], out: str) -> list[
             after = machined(read_job(place / level / program.name, cell), cell, truth, job)
             row = {"program": name, "family": family, "seed": seed, "level": level, **figures(before, after)}
             if not exact and (found := foreseen(plan, known)) is not None:
-                row |= {
-                    f"{variant}_interval_mm": [round(i.low_m / MM, 4), round(i.high_m / MM, 4)]
-                    for variant, i in (("nominal", found.nominal), ("compensated", found.compensated))
-                }
+                row["probability_of_worse"] = round(found.worse_share, 4)
+                for variant, i in (("nominal", found.nominal), ("compensated", found.compensated)):
+                    row[f"{variant}_interval_mm"] = [round(i.low_m / MM, 4), round(i.high_m / MM, 4)]
+                    row[f"{variant}_median_mm"] = round(i.median_m / MM, 4)
             rows.append(row)
     return rows
 

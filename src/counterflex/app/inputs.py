@@ -409,6 +409,7 @@ def setting_of(
         limits=tables.limits.limits,
         swing_m=tables.dynamics.swing_m,
         acceleration_m_s2=tables.controller.acceleration_m_s2,
+        blending_m=tables.controller.blending_m,
         normal_only=normal_only,
         orientation=orientation,
         allow_extrapolation=cell.material.allow_extrapolation,

@@ -19,8 +19,9 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import Progress, in_parts, share_of, silent
 from counterflex.cutting.stability.process import process_of_side_cut
 from counterflex.cutting.stock import HeightMap
+from counterflex.path.path_speed import time_as_run
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.feed_schedule import FeedGroups, at_feed, feed_share
+from counterflex.plan.feed_schedule import FeedGroups, at_feed, feed_share, share_between
 from counterflex.plan.inputs import (
     CORRECTION,
     JOINTS,
@@ -145,7 +146,7 @@ def plan(
     work = work_of(len(path), seconds, moves=moves, mends=mends, predicts=predict)
     parts = in_parts(progress, work)
     parts[JOINTS](0.0)
-    inputs = CompensationInputs(path, line, stock, setting, solve_joints(path, line, setting).q)
+    inputs = CompensationInputs(as_run(path, setting), line, stock, setting, solve_joints(path, line, setting).q)
     programmed = in_fine_stock(loaded_robot(inputs, undisturbed_cut(inputs, parts[UNDISTURBED])))
     loaded = programmed if feeds is None else at_calm_feed(programmed, feeds)
     undisturbed = loaded.cut
@@ -156,7 +157,7 @@ def plan(
     progress(1.0)
     cut = undisturbed.cut
     return Plan(
-        path=loaded.inputs.path,
+        path=at_feed(path, share_between(path, loaded.inputs.path)),
         line=line,
         q=inputs.q,
         w_tcp_part=undisturbed.w_tcp_part,
@@ -203,8 +204,19 @@ def at_calm_feed(loaded: LoadedRobot, feeds: FeedGroups) -> LoadedRobot:
     )
     if np.all(share == 1.0):
         return loaded
-    slowed = replace(inputs, path=at_feed(inputs.path, share))
+    slowed = replace(inputs, path=as_run(at_feed(inputs.path, share), inputs.setting))
     return loaded_robot(slowed, undisturbed_cut(slowed, silent))
+
+
+def as_run(path: ToolPath, setting: Setting) -> ToolPath:
+    """The same path with the times at which the controller has the tool at its points.
+
+    It speeds up and brakes for tens of milliseconds where the feed changes; a correction sent by the times of the
+    program reaches such a place as much too early.
+    """
+    if len(path) < 2:
+        return path
+    return replace(path, time_s=time_as_run(path, setting.blending_m, setting.acceleration_m_s2))
 
 
 def in_fine_stock(loaded: LoadedRobot) -> LoadedRobot:
@@ -257,11 +269,11 @@ def dynamic_trial(
     for done in range(_MENDS):
         if not np.any(unfinished):
             break
-        change = _SHARE * _correctable(loaded, np.where(unfinished[:, None], remaining, 0.0))
+        change = _SHARE * _correctable(loaded, _blended(loaded, unfinished) * remaining)
         reported = share_of(parts[MENDED], 0.0 if done == 0 else 1.0, 1.0)  # the further ones are seldom
         next_trial = _tried(loaded, command_against(loaded, displacement + change), reported)
         size = size_about(loaded, next_trial.deviation_part)
-        better = unfinished & (size < left)
+        better = unfinished & (size <= left)
         displacement = displacement + _blended(loaded, better) * change
         remaining = np.where(better[:, None], next_trial.deviation_part, remaining)
         trial = Trial(remaining, np.where(better, next_trial.cutting, trial.cutting))
