@@ -202,7 +202,8 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
     ``correction = -shaped(deflection + sag + lost motion)``. Lost motion depends on the commanded angles, so it is
     found again for each command, :data:`_PLAY_ROUNDS` times. A correction that reverses an axis changes what that axis
     loses, which may reverse it back, further each time: as in :mod:`counterflex.plan.play_compensation`, half is taken
-    first and each round takes a smaller share of the change; at each place the round is kept that changed least.
+    first and each round takes a smaller share of the change, or all of it where it goes on in the direction of the one
+    before; at each place the round is kept that changed least.
 
     Returns:
         The displacement (n, 6) m, rad that is taken back, and the command that does it.
@@ -211,14 +212,16 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
     static = np.concatenate([deflection[:, :3] + robot.sag_part, deflection[:, 3:]], axis=1) - loaded.swinging_part
     no_turn = ((0, 0), (0, 3))
     lost = kept = FIRST_SHARE * np.pad(lost_motion(robot, loaded.inputs.q, w), no_turn)
-    least = np.full(len(lost), np.inf)
+    least, before = np.full(len(lost), np.inf), np.zeros_like(lost)
     for done in range(_PLAY_ROUNDS):
         progress((done + 1.0) / (_PLAY_ROUNDS + 1.0))
         command = command_against(loaded, shaped(loaded, static + lost, loaded.swinging_part))
         change = np.pad(lost_motion(robot, command.q, w), no_turn) - lost
         size = size_about(loaded, change)
-        kept, least = np.where((size < least)[:, None], lost, kept), np.minimum(size, least)
-        lost = lost + change * share_of_round(done)
+        onward = np.sum(change * before, axis=1, keepdims=True) > 0.0
+        found = np.where(onward, lost + change, lost)
+        kept, least = np.where((size < least)[:, None], found, kept), np.minimum(size, least)
+        lost, before = lost + np.where(onward, 1.0, share_of_round(done)) * change, change
     displacement = shaped(loaded, static + kept, loaded.swinging_part)
     command = command_against(loaded, displacement)
     progress(1.0)
