@@ -62,14 +62,7 @@ class Track:
         Returns:
             Segment (m,), which begins at that row of the track, share (m,) 0 .. 1 of it; the last sample is at the end.
         """
-        phases = self._phases(acceleration_m_s2)
-        v0, peak, rise, hold, duration = (
-            phases.begin_m_s,
-            phases.peak_m_s,
-            phases.rise_m,
-            phases.hold_m,
-            phases.duration_s,
-        )
+        v0, peak, rise, hold, duration = self._phases(acceleration_m_s2)
         a, span, moving = acceleration_m_s2, self.length_m[1:], self.length_m[1:] > 0.0
         station = np.concatenate([[0.0], np.cumsum(span)])
         begin = np.stack([station[:-1], station[:-1] + rise, station[:-1] + rise + hold], axis=1)
@@ -89,10 +82,15 @@ class Track:
 
     def end_s(self, acceleration_m_s2: float) -> Float:
         """(n,) s, when the tool is at each row, see :meth:`places`."""
-        return np.concatenate([[0.0], np.cumsum(np.sum(self._phases(acceleration_m_s2).duration_s, axis=1))])
+        return np.concatenate([[0.0], np.cumsum(np.sum(self._phases(acceleration_m_s2)[-1], axis=1))])
 
-    def _phases(self, acceleration_m_s2: float) -> _Phases:
-        """Phases of the segments from the second row on."""
+    def _phases(self, acceleration_m_s2: float) -> tuple[Float, Float, Float, Float, Float]:
+        """Phases of the segments from the second row on.
+
+        Returns:
+            Speed at the begin and speed that is held, m/s; length of speeding up and of holding, m; times (n, 3) s of
+            speeding up, holding and braking.
+        """
         a, length = acceleration_m_s2, self.length_m
         corner = self.corner_m_s.copy()
         corner[0] = corner[-1] = 0.0
@@ -110,18 +108,7 @@ class Track:
         hold_s = np.where(moving, hold / np.where(peak > 0.0, peak, 1.0), self.dwell_s[1:])
         duration = np.stack([(peak - v0) / a, hold_s, (peak - v1) / a], axis=1)
         duration[~moving] = np.stack([np.zeros_like(hold_s), hold_s, np.zeros_like(hold_s)], axis=1)[~moving]
-        return _Phases(v0, peak, rise, hold, duration)
-
-
-@dataclass(frozen=True)
-class _Phases:
-    """Three phases of n segments: accelerate, hold, brake."""
-
-    begin_m_s: Float  # (n,) speed at the begin
-    peak_m_s: Float  # (n,) speed that is held
-    rise_m: Float  # (n,) length of the first phase
-    hold_m: Float  # (n,) length of the second
-    duration_s: Float  # (n, 3)
+        return v0, peak, rise, hold, duration
 
 
 def time_as_run(path: ToolPath, blending_m: float, acceleration_m_s2: float) -> Float:

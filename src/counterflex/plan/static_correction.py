@@ -219,8 +219,8 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
         change = np.pad(lost_motion(robot, command.q, w), no_turn) - lost
         size = size_about(loaded, change)
         onward = np.sum(change * before, axis=1, keepdims=True) > 0.0
-        found = np.where(onward, lost + change, lost)
-        kept, least = np.where((size < least)[:, None], found, kept), np.minimum(size, least)
+        estimate = np.where(onward, lost + change, lost)
+        kept, least = np.where((size < least)[:, None], estimate, kept), np.minimum(size, least)
         lost, before = lost + np.where(onward, 1.0, share_of_round(done)) * change, change
     displacement = shaped(loaded, static + kept, loaded.swinging_part)
     command = command_against(loaded, displacement)
