@@ -197,10 +197,10 @@ def sample(
     speed = np.where(motions.kind == RAPID_MOTION, rapid_speed_m_s, motions.feed_m_s)
     speed[motions.kind == DWELL_MOTION] = 0.0
     duration = np.where(motions.kind == DWELL_MOTION, motions.duration_s, length / np.where(speed > 0.0, speed, 1.0))
-    step_s = (duration / count)[index]
+    passed_s = (duration / count)[index]
     kind = np.where(motions.kind == RAPID_MOTION, RAPID, FEED)[index]
     columns = _SampleColumns(
-        points, kind, speed[index], motions.spindle_rad_s[index], step_s, index, motions.tool[index]
+        points, kind, speed[index], motions.spindle_rad_s[index], passed_s, index, motions.tool[index]
     )
     return columns.joined(motions, first, rapid_speed_m_s)
 
