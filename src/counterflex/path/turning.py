@@ -89,7 +89,7 @@ def sample_turning(
     angle = turning.start_rad[motion] + share * (turning.end_rad - turning.start_rad)[motion]
     tip, axis = turning.pose(programmed.p_part_tcp, angle, motion)
     step = np.linalg.norm(np.diff(tip, axis=0, prepend=tip[:1]), axis=1)
-    step_s = np.diff(programmed.time_s, prepend=0.0)
+    passed_s = np.diff(programmed.time_s, prepend=0.0)
     still = np.linalg.norm(motions.p_end - motions.p_start, axis=1) == 0.0
     rows = np.bincount(motion[share[:, 0] > 0.0], minlength=n)
     alone = turns & still
@@ -99,14 +99,14 @@ def sample_turning(
     by_tip = np.maximum(length, _TURN_LEVER_M * swept) / rapid_speed_m_s
     whole = np.where(rapid, by_tip, by_angle)
     timed = (alone | rapid)[motion] & (share[:, 0] > 0.0)
-    step_s = np.where(timed, (whole / np.maximum(rows, 1))[motion], step_s)
-    turned_feed = turns[motion] & (programmed.kind == FEED) & (step_s > 0.0)
+    passed_s = np.where(timed, (whole / np.maximum(rows, 1))[motion], passed_s)
+    turned_feed = turns[motion] & (programmed.kind == FEED) & (passed_s > 0.0)
     path = replace(
         programmed,
         p_part_tcp=tip,
         axis_part=axis,
-        feed_m_s=np.where(turned_feed, step / np.where(step_s > 0.0, step_s, 1.0), programmed.feed_m_s),
-        time_s=np.cumsum(step_s),
+        feed_m_s=np.where(turned_feed, step / np.where(passed_s > 0.0, passed_s, 1.0), programmed.feed_m_s),
+        time_s=np.cumsum(passed_s),
     )
     return TurnedPath(path, replace(programmed, time_s=path.time_s), angle)
 
