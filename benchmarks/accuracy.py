@@ -77,6 +77,7 @@ GOALS: Final = {
 }
 """Per cent that may remain: median, worst seed."""
 COVERAGE: Final = (80.0, 97.0)
+VARIANTS: Final = ("nominal", "compensated")
 CORNER_MM: Final = (0.12, 0.1)
 """Largest error with the identified cell, and largest of the floor."""
 
@@ -137,10 +138,10 @@ def one(name: str, family: str, seed: int, levels: list[str], out: str) -> list[
             after = machined(read_job(place / level / program.name, cell), cell, truth, job)
             row = {"program": name, "family": family, "seed": seed, "level": level, **figures(before, after)}
             if not exact and (found := foreseen(plan, known)) is not None:
-                row |= {
-                    f"{variant}_interval_mm": [round(i.low_m / MM, 4), round(i.high_m / MM, 4)]
-                    for variant, i in (("nominal", found.nominal), ("compensated", found.compensated))
-                }
+                row["probability_of_worse"] = round(found.worse_share, 4)
+                for variant, i in (("nominal", found.nominal), ("compensated", found.compensated)):
+                    row[f"{variant}_interval_mm"] = [round(i.low_m / MM, 4), round(i.high_m / MM, 4)]
+                    row[f"{variant}_median_mm"] = round(i.median_m / MM, 4)
             rows.append(row)
     return rows
 
@@ -191,7 +192,7 @@ def table(rows: list[dict[str, Any]]) -> list[str]:
         held = [
             r[f"{v}_interval_mm"][0] <= r[f"{v}_path_p997_mm"] <= r[f"{v}_interval_mm"][1]
             for r in mine
-            for v in ("nominal", "compensated")
+            for v in VARIANTS
             if f"{v}_interval_mm" in r
         ]
         share = f"{sum(held)} of {len(held)}" if held else "-"
@@ -200,7 +201,7 @@ def table(rows: list[dict[str, Any]]) -> list[str]:
             f"{max(r['compensated_max_mm'] for r in mine):.2f} mm | "
             f"{max(r.get('compensated_floor_max_mm', 0.0) for r in mine):.2f} mm | {share} |"
         )
-    return lines + _corner(rows) + _bounds(rows, keys) + _coverage(rows)
+    return lines + _corner(rows) + _bounds(rows, keys) + _coverage(rows) + _worse(rows)
 
 
 def _corner(rows: list[dict[str, Any]]) -> list[str]:
@@ -240,13 +241,30 @@ def _coverage(rows: list[dict[str, Any]]) -> list[str]:
             r[f"{v}_interval_mm"][0] <= r[f"{v}_path_p997_mm"] <= r[f"{v}_interval_mm"][1]
             for r in rows
             if r["family"] == family
-            for v in ("nominal", "compensated")
+            for v in VARIANTS
             if f"{v}_interval_mm" in r
         ]
         if held:
             share = 100.0 * sum(held) / len(held)
             met = _met(COVERAGE[0] <= share <= COVERAGE[1])
             lines += ["", f"Intervals that hold on `{family}`: {share:.0f} % of {len(held)} (goal 80 to 97 %: {met})."]
+    return lines
+
+
+def _worse(rows: list[dict[str, Any]]) -> list[str]:
+    """Parts that compensation made worse, by level, beside how likely that was said to be, and width of intervals."""
+    lines = []
+    for level in LEVELS:
+        told = [r for r in rows if r["level"] == level and "probability_of_worse" in r]
+        if told:
+            worse = sum(r["compensated_path_p997_mm"] > r["nominal_path_p997_mm"] for r in told)
+            said = float(np.mean([r["probability_of_worse"] for r in told]))
+            ratio = (float(np.median([np.divide(*r[f"{v}_interval_mm"][::-1]) for r in told])) for v in VARIANTS)
+            lines += [
+                "",
+                f"{level}: {worse} of {len(told)} parts worse than uncompensated, {100.0 * said:.1f} % foretold; upper "
+                "over lower end of the intervals {:.1f} uncompensated, {:.1f} compensated (medians).".format(*ratio),
+            ]
     return lines
 
 

@@ -68,6 +68,14 @@ def test_straight_feed_is_divided_evenly_with_its_end_exact() -> None:
     assert np.all(path.kind[1:] == FEED)
 
 
+@pytest.mark.parametrize(("feed_m_s", "steps"), [(0.05, 40), (0.01, 100), (0.001, 200)])
+def test_slow_motions_have_steps_that_last_no_longer_than_asked(feed_m_s: float, steps: int) -> None:
+    """10 mm in steps of at most 0.25 mm and 10 ms, but not below a fifth of 0.25 mm."""
+    path = sample(table([{"p_end": (0.01, 0.0, 0.0), "feed_m_s": feed_m_s}]), step_m=0.25e-3, step_s=0.01)
+    assert len(path) == 1 + steps
+    assert path.time_s[-1] == pytest.approx(0.01 / feed_m_s, rel=1e-12)
+
+
 def test_rapids_are_one_segment_at_the_assumed_speed() -> None:
     path = sample(table([{"kind": RAPID_MOTION, "feed_m_s": 0.0, "p_end": (0.5, 0.0, 0.0)}]), rapid_speed_m_s=0.25)
     assert path.kind.tolist() == [RAPID, RAPID]

@@ -9,7 +9,7 @@ from hypothesis import example, given, settings, strategies as st
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.path.path_speed import PoseStream, build_track
+from counterflex.path.path_speed import PoseStream, build_track, time_as_run
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 
 PERIOD = 4e-3
@@ -147,3 +147,26 @@ def test_what_does_not_move_cannot_be_streamed() -> None:
     Rs = np.tile(np.eye(3), (3, 1, 1))
     with pytest.raises(InputError, match="does not move"):
         PoseStream(pose.make(Rs, p), tool_path(p, Rs, np.ones(3)), period_s=PERIOD)
+
+
+def test_the_feed_takes_its_time_to_change() -> None:
+    """10, then 30, then 10 mm/s along a line at 1 m/s2: (30 - 10) / 1 ms of speeding up and as much of braking."""
+    p = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.02, 0.0, 0.0], [0.03, 0.0, 0.0]])
+    path = tool_path(p, np.tile(rotation.about_x(np.pi), (4, 1, 1)), np.array([0.01, 0.01, 0.03, 0.01]))
+    ramp_s, ramp_m = 0.02, 0.02 * 0.02
+    middle = 2.0 * ramp_s + (0.01 - 2.0 * ramp_m) / 0.03
+    slow = 0.01 + (0.01 - 0.5 * 0.01**2) / 0.01  # from rest or to it at the ends of the path, 10 ms each
+    expected = path.time_s[0] + np.cumsum([0.0, slow, middle, slow])
+    np.testing.assert_allclose(time_as_run(path, 0.0, 1.0), expected, rtol=1e-9)
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=20, deadline=None)
+def test_the_tool_is_at_the_points_when_it_is_said_to_be(seed: int) -> None:
+    """Corners are exact stops here: what the controller samples passes the points at those times."""
+    _, path = zigzag(seed)
+    track = build_track(path, blending_m=0.0, rapid_m_s=0.03, acceleration_m_s2=1.0)
+    t, p, _, _ = track.timed(1.0, 1e-4)
+    due = time_as_run(path, 0.0, 1.0) - path.time_s[0]
+    passed = np.stack([np.interp(due, t, column) for column in p.T], axis=1)
+    np.testing.assert_allclose(passed, path.p_part_tcp, atol=2e-7)

@@ -59,6 +59,39 @@ def test_only_the_cut_that_leaves_much_is_mended_again(
     remaining = trial.deviation_part
     assert len(mended) == trials
     np.testing.assert_allclose(remaining[first], (left * mended[0])[first], atol=1e-15)
-    for cut in (first, ~first):  # what is commanded in a cut is what was commanded in the trial that left least there
+    contact = loaded.cut.contact
+    for cut in (first & contact, ~first & contact):  # what is commanded is what was in the trial that left least there
         best = int(np.argmin([np.linalg.norm(one[cut]) for one in mended]))
         np.testing.assert_allclose(command.correction_part[cut], commanded[best][cut], atol=1e-12)
+
+
+def test_a_trial_that_is_better_at_one_place_of_a_cut_alone_is_taken_there(
+    path_of: Callable[..., ToolPath], cell_of: Callable[..., Cell], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mending halves what the first half of a groove leaves and doubles that of the second."""
+    path, cell = path_of(TWO_CUTS), cell_of()
+    setting = setting_of(cell)
+    line = path.motion + 1
+    inputs = CompensationInputs(path, line, cell.stock(), setting, solve_joints(path, line, setting).q)
+    loaded = loaded_robot(inputs, undisturbed_cut(inputs, silent))
+    displacement, static = static_correction(loaded, silent)
+    x = path.p_part_tcp[:, 0]
+    by_each = np.where(x < 0.02, 0.5, 2.0)[:, None]
+    mended: list[Float] = []
+    commanded: list[Float] = []
+
+    def tried(_: object, command: Command, __: object) -> room.Trial:
+        commanded.append(command.correction_part)
+        mended.append(0.05 * loaded.deflection_part * by_each ** len(mended))
+        return room.Trial(mended[-1], loaded.cut.contact)
+
+    monkeypatch.setattr(room, "chattering", lambda loaded, *_: np.zeros(len(loaded.inputs.path), dtype=np.bool_))
+    monkeypatch.setattr(room, "_tried", tried)
+    command, trial = room.dynamic_trial(
+        loaded, displacement, static, dict.fromkeys((TRIAL, MENDED, UNCOMPENSATED), silent)
+    )
+    contact = loaded.cut.contact
+    for place, best in ((contact & (x < 0.012), 1), (contact & (x > 0.028), 0)):
+        assert np.any(place)
+        np.testing.assert_allclose(command.correction_part[place], commanded[best][place], atol=1e-12)
+        np.testing.assert_allclose(trial.deviation_part[place], mended[best][place], atol=1e-15)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Int
 from counterflex.core.errors import ModelError, ProgramError
 from counterflex.core.units import MM
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.plan import compensate as mending, cut as cutting
+from counterflex.plan import cut as cutting
 from counterflex.plan.chip_range import outside, uncertainty
 from counterflex.plan.play_compensation import arrival
 from counterflex.plan.preflight import joints
@@ -25,6 +25,7 @@ from counterflex.plan.preflight.held_speed import HeldSpeed, SpeedCause, held_sp
 from counterflex.plan.preflight.preflight import Preflight
 from counterflex.plan.preflight.row import CheckLimits, Row, Verdict, worst_of_axes
 from counterflex.plan.preflight.spacing import blocks_of
+from counterflex.plan.static_correction import size_about
 
 QUICK = settings(max_examples=60)
 LAW = KienzleLaw.from_k11(
@@ -140,30 +141,24 @@ def test_a_tool_that_is_pushed_back_is_late_by_the_time_of_its_way(number: int, 
 
 @QUICK
 @given(seed, st.integers(2, 14))
-def test_a_cut_is_judged_by_what_is_left_across_it_where_it_touches(number: int, n: int) -> None:
-    """From rapid to rapid: the better of two by the fourth power, one that leaves much by the share of its rows."""
+def test_a_place_is_judged_by_what_is_left_across_it_where_it_touches(number: int, n: int) -> None:
+    """By the mean of the fourth power over 0.4 s, here of many instants; a step has the mean of its ends."""
     rng = np.random.default_rng(number)
-    path = path_of(rng, n, np.where(rng.random(n) < 0.7, FEED, RAPID))
-    contact = rng.random(n) < 0.7
-    one, other, bend = rng.normal(size=(3, n, 6)) * np.array([1.0, 1.0, 4.0])[:, None, None]
-    loaded: Any = SimpleNamespace(
-        inputs=SimpleNamespace(path=path), cut=SimpleNamespace(contact=contact), deflection_part=bend
-    )
-
-    def size(d: Float, k: int) -> float:
-        step = path.p_part_tcp[k] - path.p_part_tcp[k - 1] if k else np.zeros(3)
-        along = step / np.linalg.norm(step) if np.any(step != 0.0) else np.zeros(3)
-        return float(np.linalg.norm(d[k, :3] - (d[k, :3] @ along) * along))
-
-    better, much = mending._less_left(loaded, one, other), mending._leaves_much(loaded, one)
-    begin = 0
-    for k in range(n):
-        begin = k if k and path.kind[k] != path.kind[k - 1] else begin
-        end = next((j for j in range(k, n) if path.kind[j] != path.kind[k]), n)
-        rows = [j for j in range(begin, end) if contact[j]]
-        assert better[k] == (sum(size(one, j) ** 4 for j in rows) < sum(size(other, j) ** 4 for j in rows))
-        most = max((size(bend, j) for j in rows), default=0.0)
-        assert much[k] == (sum(size(one, j) > 0.15 * most for j in rows) > 0.02 * len(rows))
+    path = path_of(rng, n)
+    path = replace(path, time_s=0.02 + np.cumsum(rng.uniform(0.005, 0.15, n)))
+    contact, deviation = rng.random(n) < 0.7, rng.normal(size=(n, 6))
+    loaded: Any = SimpleNamespace(inputs=SimpleNamespace(path=path), cut=SimpleNamespace(contact=contact))
+    step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])
+    power = [
+        float(np.linalg.norm(np.cross(d[:3], s / np.linalg.norm(s)) if np.any(s != 0.0) else d[:3])) ** 4 * touches
+        for d, s, touches in zip(deviation, step, contact, strict=True)
+    ]
+    for k, size in enumerate(size_about(loaded, deviation)):
+        begin, end = np.clip(path.time_s[k] + np.array([-0.2, 0.2]), path.time_s[0], path.time_s[-1])
+        instants = begin + (end - begin) * (np.arange(4000) + 0.5) / 4000
+        after = np.searchsorted(path.time_s, instants)
+        between = 0.5 * (np.array(power)[after - 1] + np.array(power)[after])
+        assert size == pytest.approx(np.mean(between), rel=0.05, abs=1e-3)
 
 
 # ---- axes ----------------------------------------------------------------------------------------------------------

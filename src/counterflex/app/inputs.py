@@ -18,7 +18,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, ProgramError
 from counterflex.core.next_command import next_command
 from counterflex.core.remarks import remark
-from counterflex.core.units import DEG, MM
+from counterflex.core.units import DEG, MM, MS
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.tilted_stock import may_touch, working_plane
 from counterflex.files.cell.cell import Cell
@@ -47,6 +47,9 @@ _PER_MINUTE: Final = 94  # G94: F in units per minute
 _COARSE_M: Final = 1.0 * MM
 STEP_M = 0.25 * MM
 """Longest step of a sampled path: a fraction of the distance over which the engagement changes."""
+_STEP_S = 10.0 * MS
+"""Longest time of its steps, half of that over which corrections are shaped: where an axis turns at the end of a slow
+plunge, the correction is another within hundredths of a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +190,7 @@ def _job_of(program: Program, file: str | Path, cell: Cell, step_m: float, may_m
 def _job(program: Program, cell: Cell, step_m: float) -> Job:
     """The job of a program whose tool stays along z."""
     rapid_m_s = cell.tables.controller.rapid_m_s
-    bare = tool_path(program, step_m=step_m, rapid_speed_m_s=rapid_m_s)
+    bare = tool_path(program, step_m=step_m, step_s=_STEP_S, rapid_speed_m_s=rapid_m_s)
     changes = changes_along(program, _start_known(program, bare), cell)
     places = places_along(changes, cell)
     bare = bare if places is None else with_places(bare, changes, places, rapid_m_s)
@@ -205,7 +208,7 @@ def _turned_job(program: Program, cell: Cell, step_m: float) -> Job:
     program = fitted(program, machine_of(cell))
     words = RotaryWords.of(program, machine_of(cell))
     rapid_m_s = cell.tables.controller.rapid_m_s
-    turned = turned_path(program, words, step_m=step_m, rapid_speed_m_s=rapid_m_s)
+    turned = turned_path(program, words, step_m=step_m, step_s=_STEP_S, rapid_speed_m_s=rapid_m_s)
     R_part_plane = np.eye(3) if cell.R_part_plane is None else cell.R_part_plane
     changes = changes_along(program, turned_by(turned.path, R_part_plane.T), cell)
     places = places_along(changes, cell)
@@ -405,6 +408,7 @@ def setting_of(
         limits=tables.limits.limits,
         swing_m=tables.dynamics.swing_m,
         acceleration_m_s2=tables.controller.acceleration_m_s2,
+        blending_m=tables.controller.blending_m,
         normal_only=normal_only,
         orientation=orientation,
         allow_extrapolation=cell.material.allow_extrapolation,

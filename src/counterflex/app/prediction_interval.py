@@ -39,9 +39,9 @@ from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.toolpath import FEED
-from counterflex.plan.compensate import lasting
 from counterflex.plan.plan import Plan
 from counterflex.plan.sag_and_play import play_deviation
+from counterflex.plan.static_correction import lasting
 from counterflex.robot.elasticity.compliance import shares
 
 STRUCTURE: Final = 0.06

@@ -20,7 +20,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.path.toolpath import RAPID, ToolPath
+from counterflex.path.toolpath import FEED, RAPID, ToolPath
 
 _SMOOTH_RAD = math.radians(3.0)  # corners below this are run through at full speed
 _ROUNDING_STEP_RAD = 0.12  # angle between the chords of a rounding
@@ -69,6 +69,35 @@ class Track:
         Returns:
             Segment (m,), which begins at that row of the track, share (m,) 0 .. 1 of it; the last sample is at the end.
         """
+        v0, peak, rise, hold, duration = self._phases(acceleration_m_s2)
+        a, span, moving = acceleration_m_s2, self.length_m[1:], self.length_m[1:] > 0.0
+        station = np.concatenate([[0.0], np.cumsum(span)])
+        begin = np.stack([station[:-1], station[:-1] + rise, station[:-1] + rise + hold], axis=1)
+        begin[~moving] = station[:-1][~moving, None]
+        speed = np.stack([v0, peak, peak], axis=1) * moving[:, None]
+        slope = np.stack([np.full_like(v0, a), np.zeros_like(v0), np.full_like(v0, -a)], axis=1) * moving[:, None]
+        clock = np.concatenate([[0.0], np.cumsum(duration.ravel())])
+        samples = math.ceil(clock[-1] / cycle_s - 1e-9) + 1
+        t = cycle_s * np.arange(samples)
+        phase = np.clip(np.searchsorted(clock, t, side="right") - 1, 0, duration.size - 1)
+        dt = np.minimum(t - clock[phase], duration.ravel()[phase])
+        s = begin.ravel()[phase] + speed.ravel()[phase] * dt + 0.5 * slope.ravel()[phase] * dt**2
+        segment = phase // 3
+        s = np.clip(s, station[segment], station[segment + 1])
+        share = np.where(moving[segment], (s - station[segment]) / np.where(moving, span, 1.0)[segment], 0.0)
+        return np.asarray(segment, dtype=np.int64), share
+
+    def end_s(self, acceleration_m_s2: float) -> Float:
+        """(n,) s, when the tool is at each row, see :meth:`places`."""
+        return np.concatenate([[0.0], np.cumsum(np.sum(self._phases(acceleration_m_s2)[-1], axis=1))])
+
+    def _phases(self, acceleration_m_s2: float) -> tuple[Float, Float, Float, Float, Float]:
+        """Phases of the segments from the second row on.
+
+        Returns:
+            Speed at the begin and speed that is held, m/s; length of speeding up and of holding, m; times (n, 3) s of
+            speeding up, holding and braking.
+        """
         a, length = acceleration_m_s2, self.length_m
         corner = self.corner_m_s.copy()
         corner[0] = corner[-1] = 0.0
@@ -86,21 +115,26 @@ class Track:
         hold_s = np.where(moving, hold / np.where(peak > 0.0, peak, 1.0), self.dwell_s[1:])
         duration = np.stack([(peak - v0) / a, hold_s, (peak - v1) / a], axis=1)
         duration[~moving] = np.stack([np.zeros_like(hold_s), hold_s, np.zeros_like(hold_s)], axis=1)[~moving]
-        station = np.concatenate([[0.0], np.cumsum(span)])
-        begin = np.stack([station[:-1], station[:-1] + rise, station[:-1] + rise + hold], axis=1)
-        begin[~moving] = station[:-1][~moving, None]
-        speed = np.stack([v0, peak, peak], axis=1) * moving[:, None]
-        slope = np.stack([np.full_like(v0, a), np.zeros_like(v0), np.full_like(v0, -a)], axis=1) * moving[:, None]
-        clock = np.concatenate([[0.0], np.cumsum(duration.ravel())])
-        samples = math.ceil(clock[-1] / cycle_s - 1e-9) + 1
-        t = cycle_s * np.arange(samples)
-        phase = np.clip(np.searchsorted(clock, t, side="right") - 1, 0, duration.size - 1)
-        dt = np.minimum(t - clock[phase], duration.ravel()[phase])
-        s = begin.ravel()[phase] + speed.ravel()[phase] * dt + 0.5 * slope.ravel()[phase] * dt**2
-        segment = phase // 3
-        s = np.clip(s, station[segment], station[segment + 1])
-        share = np.where(moving[segment], (s - station[segment]) / np.where(moving, span, 1.0)[segment], 0.0)
-        return np.asarray(segment, dtype=np.int64), share
+        return v0, peak, rise, hold, duration
+
+
+def time_as_run(path: ToolPath, blending_m: float, acceleration_m_s2: float) -> Float:
+    """(n,) s, when a controller has the tool at the points of a path: the feed does not change at once.
+
+    Rapids take as long as the path says.
+
+    Args:
+        path: n rows.
+        blending_m: See :func:`build_track`.
+        acceleration_m_s2: Limit along and across the path, m/s2, > 0.
+    """
+    fastest = max(float(np.max(path.feed_m_s, initial=0.0)), 1e-6)
+    track = build_track(path, blending_m=blending_m, rapid_m_s=fastest, acceleration_m_s2=acceleration_m_s2)
+    at = np.searchsorted(track.source, np.arange(len(path)), side="right") - 1
+    fed = np.diff(track.end_s(acceleration_m_s2)[at], prepend=0.0)
+    step = np.where(path.kind == FEED, fed, np.diff(path.time_s, prepend=path.time_s[:1]))
+    out: Float = path.time_s[:1] + np.cumsum(step)
+    return out
 
 
 def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, acceleration_m_s2: float) -> Track:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,6 +19,8 @@ DWELL_MOTION: Final = 3
 
 # Two points closer than this are one point: below the resolution of any program text (0.1 um).
 _JOIN_M: Final = 1e-9
+_SHORTEST: Final = 0.2
+"""Share of the longest step below which slow motions are not divided further."""
 # A path of more points than this is a mistake in step_m rather than a wish (about 12 GB of columns).
 _MAX_POINTS: Final = 100_000_000
 
@@ -120,12 +123,13 @@ def _arc_geometry(motions: MotionTable, arc: Bool) -> tuple[Float, Float, Float]
     return radius, end_radius, rise
 
 
-def _counts(motions: MotionTable, length: Float, step_m: float, chord_m: float) -> Int:
+def _counts(motions: MotionTable, length: Float, step_m: float, step_s: float, chord_m: float) -> Int:
     """Number of segments of each motion, at least one."""
     count = np.ones(len(motions))
     moving = (motions.kind == FEED_MOTION) | (motions.kind == ARC_MOTION)
     # The small allowance keeps 10 mm at 1 mm from becoming eleven steps by a rounding of the last digit.
-    count[moving] = np.maximum(1.0, np.ceil(length[moving] / step_m - 1e-9))
+    step = np.minimum(step_m, np.maximum(motions.feed_m_s[moving] * step_s, _SHORTEST * step_m))
+    count[moving] = np.maximum(1.0, np.ceil(length[moving] / step - 1e-9))
     arc = motions.kind == ARC_MOTION
     if arc.any():
         radius, end_radius, _ = _arc_geometry(motions, arc)
@@ -148,18 +152,21 @@ def sample(
     step_m: float = 1e-3,
     rapid_speed_m_s: float = 0.5,
     chord_m: float = 5e-6,
+    step_s: float = math.inf,
     least: Int | None = None,
 ) -> ToolPath:
     """Cut motions into straight segments and give every point its time of arrival.
 
-    Feed motions are divided evenly into steps no longer than ``step_m``; arcs besides so that no chord leaves the
-    arc by more than ``chord_m``. Ends of motions are kept exactly. A rapid is one segment, a dwell two equal points.
-    Where a motion does not start at the end of the one before it (another tool length), a rapid segment joins them.
+    Feed motions are divided evenly into steps no longer than ``step_m``, slow ones into steps that last no longer than
+    ``step_s`` (not below a fifth of ``step_m``); arcs besides so that no chord leaves the arc by more than ``chord_m``.
+    Ends of motions are kept exactly. A rapid is one segment, a dwell two equal points. Where a motion does not start at
+    the end of the one before it (another tool length), a rapid segment joins them.
 
     Args:
         step_m: Longest step, m, > 0.
         rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.
         chord_m: Allowed chord error of arcs, m, > 0.
+        step_s: Longest time of a step, s, > 0.
         least: (n,) least number of segments of each motion; 1 when left out.
 
     Returns:
@@ -176,7 +183,7 @@ def sample(
         none, no = np.zeros(0), np.zeros(0, dtype=np.int64)
         return ToolPath(np.zeros((0, 3)), np.zeros((0, 3)), no, none, none.copy(), none.copy(), no.copy(), no.copy())
     length = motion_length(motions)
-    count = _counts(motions, length, step_m, chord_m)
+    count = _counts(motions, length, step_m, step_s, chord_m)
     if least is not None:
         count = np.maximum(count, least)
     first = np.cumsum(count) - count
@@ -190,10 +197,10 @@ def sample(
     speed = np.where(motions.kind == RAPID_MOTION, rapid_speed_m_s, motions.feed_m_s)
     speed[motions.kind == DWELL_MOTION] = 0.0
     duration = np.where(motions.kind == DWELL_MOTION, motions.duration_s, length / np.where(speed > 0.0, speed, 1.0))
-    step_s = (duration / count)[index]
+    passed_s = (duration / count)[index]
     kind = np.where(motions.kind == RAPID_MOTION, RAPID, FEED)[index]
     columns = _SampleColumns(
-        points, kind, speed[index], motions.spindle_rad_s[index], step_s, index, motions.tool[index]
+        points, kind, speed[index], motions.spindle_rad_s[index], passed_s, index, motions.tool[index]
     )
     return columns.joined(motions, first, rapid_speed_m_s)
 

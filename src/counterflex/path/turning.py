@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
@@ -39,7 +40,14 @@ class TurnedPath:
 
     @classmethod
     def sampled(
-        cls, motions: MotionTable, turning: Turning, *, step_m: float, rapid_speed_m_s: float, chord_m: float
+        cls,
+        motions: MotionTable,
+        turning: Turning,
+        *,
+        step_m: float,
+        rapid_speed_m_s: float,
+        chord_m: float,
+        step_s: float = math.inf,
     ) -> TurnedPath:
         """Cut motions that turn the tool into short segments.
 
@@ -53,6 +61,7 @@ class TurnedPath:
             step_m: Longest step, m, > 0.
             rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.
             chord_m: Allowed chord error of arcs, m, > 0.
+            step_s: Longest time of a step, s, > 0.
 
         Raises:
             InputError: As :func:`~counterflex.path.sampling.sample`.
@@ -70,6 +79,7 @@ class TurnedPath:
             step_m=step_m,
             rapid_speed_m_s=rapid_speed_m_s,
             chord_m=chord_m,
+            step_s=step_s,
             least=least,
         )
         if n == 0:
@@ -79,7 +89,7 @@ class TurnedPath:
         angle = turning.start_rad[motion] + share * (turning.end_rad - turning.start_rad)[motion]
         tip, axis = turning.pose(programmed.p_part_tcp, angle, motion)
         step = np.linalg.norm(np.diff(tip, axis=0, prepend=tip[:1]), axis=1)
-        step_s = np.diff(programmed.time_s, prepend=0.0)
+        passed_s = np.diff(programmed.time_s, prepend=0.0)
         still = np.linalg.norm(motions.p_end - motions.p_start, axis=1) == 0.0
         rows = np.bincount(motion[share[:, 0] > 0.0], minlength=n)
         alone = turns & still
@@ -89,14 +99,14 @@ class TurnedPath:
         by_tip = np.maximum(length, _TURN_LEVER_M * swept) / rapid_speed_m_s
         whole = np.where(rapid, by_tip, by_angle)
         timed = (alone | rapid)[motion] & (share[:, 0] > 0.0)
-        step_s = np.where(timed, (whole / np.maximum(rows, 1))[motion], step_s)
-        turned_feed = turns[motion] & (programmed.kind == FEED) & (step_s > 0.0)
+        passed_s = np.where(timed, (whole / np.maximum(rows, 1))[motion], passed_s)
+        turned_feed = turns[motion] & (programmed.kind == FEED) & (passed_s > 0.0)
         path = replace(
             programmed,
             p_part_tcp=tip,
             axis_part=axis,
-            feed_m_s=np.where(turned_feed, step / np.where(step_s > 0.0, step_s, 1.0), programmed.feed_m_s),
-            time_s=np.cumsum(step_s),
+            feed_m_s=np.where(turned_feed, step / np.where(passed_s > 0.0, passed_s, 1.0), programmed.feed_m_s),
+            time_s=np.cumsum(passed_s),
         )
         return cls(path, replace(programmed, time_s=path.time_s), angle)
 

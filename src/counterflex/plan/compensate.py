@@ -19,8 +19,9 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import Progress, in_parts, share_of, silent
 from counterflex.cutting.stability.process import process_of_side_cut
 from counterflex.cutting.stock import HeightMap
+from counterflex.path.path_speed import time_as_run
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.feed_schedule import FeedGroups, at_feed, feed_share
+from counterflex.plan.feed_schedule import FeedGroups, at_feed, feed_share, share_between
 from counterflex.plan.inputs import (
     CORRECTION,
     JOINTS,
@@ -42,8 +43,10 @@ from counterflex.plan.static_correction import (
     LoadedRobot,
     check_corrections,
     command_against,
+    lasting,
     loaded_robot,
     shaped,
+    size_about,
     static_correction,
 )
 from counterflex.plan.stock_grain import fine_enough, grain_per_cell
@@ -104,11 +107,10 @@ _SHARE = 0.7
 """Of what is left: friction and cutting answer otherwise than the one mode that inverts the command."""
 _MENDS = 3
 """Trials that may mend the command, the further ones only where the one before was better and leaves much."""
-_MUCH, _FEW = 0.15, 0.02
-"""More than such a share of the largest deflection in more than 2 % of a cut; the model is accurate to a tenth."""
-_LASTING_S = 0.6
-"""What a trial leaves for that long is left to the correction at rest, which knows it better: in the model the grain of
-the stock shakes the drives free of friction that holds them in the cell."""
+_MUCH = 0.15
+"""More than such a share of what the command takes back there; the model is accurate to a tenth."""
+_BLEND_S = 0.1
+"""Over which a change that is taken begins and ends."""
 
 
 def plan(
@@ -144,7 +146,7 @@ def plan(
     work = work_of(len(path), seconds, moves=moves, mends=mends, predicts=predict)
     parts = in_parts(progress, work)
     parts[JOINTS](0.0)
-    inputs = CompensationInputs(path, line, stock, setting, solve_joints(path, line, setting).q)
+    inputs = CompensationInputs(as_run(path, setting), line, stock, setting, solve_joints(path, line, setting).q)
     # Two robots are kept: the prediction of the program as it is needs its own feed, not the lowered one.
     programmed = in_fine_stock(loaded_robot(inputs, undisturbed_cut(inputs, parts[UNDISTURBED])))
     loaded = programmed if feeds is None else at_calm_feed(programmed, feeds)
@@ -157,7 +159,7 @@ def plan(
     progress(1.0)
     cut = undisturbed.cut
     return Plan(
-        path=loaded.inputs.path,
+        path=at_feed(path, share_between(path, loaded.inputs.path)),
         line=line,
         q=inputs.q,
         w_tcp_part=undisturbed.w_tcp_part,
@@ -204,8 +206,19 @@ def at_calm_feed(loaded: LoadedRobot, feeds: FeedGroups) -> LoadedRobot:
     )
     if np.all(share == 1.0):
         return loaded
-    slowed = replace(inputs, path=at_feed(inputs.path, share))
+    slowed = replace(inputs, path=as_run(at_feed(inputs.path, share), inputs.setting))
     return loaded_robot(slowed, undisturbed_cut(slowed, silent))
+
+
+def as_run(path: ToolPath, setting: Setting) -> ToolPath:
+    """The same path with the times at which the controller has the tool at its points.
+
+    It speeds up and brakes for tens of milliseconds where the feed changes; a correction sent by the times of the
+    program reaches such a place as much too early.
+    """
+    if len(path) < 2:
+        return path
+    return replace(path, time_s=time_as_run(path, setting.blending_m, setting.acceleration_m_s2))
 
 
 def in_fine_stock(loaded: LoadedRobot) -> LoadedRobot:
@@ -230,10 +243,10 @@ class Trial:
 def dynamic_trial(
     loaded: LoadedRobot, displacement: Float, command: Command, parts: Mapping[str, Progress]
 ) -> tuple[Command, Trial]:
-    """Try a command, take back a share of what lasts of its deviation, and keep the better of the two commands.
+    """Try a command, take back a share of its deviation, and keep the better of the two commands at each place.
 
-    Repeat for each cut whose deviation is still large, at most :data:`_MENDS` times. Cuts that chatter are left as they
-    are (:mod:`counterflex.plan.compensate`).
+    Repeat where the deviation is still large, at most :data:`_MENDS` times. Cuts that chatter are left as they are
+    (:mod:`counterflex.plan.compensate`).
 
     Args:
         loaded: The robot under load.
@@ -253,21 +266,21 @@ def dynamic_trial(
     if not mends:
         return command, trial
     remaining = trial.deviation_part
-    steady = ~chattering(loaded, remaining, _cuts(loaded))
-    if not np.any(steady):
-        return command, trial
-    unfinished = steady
+    unfinished = ~chattering(loaded, remaining, _cuts(loaded))
+    left, allowed = size_about(loaded, remaining), _MUCH**4 * size_about(loaded, displacement)
     for done in range(_MENDS):
-        change = _SHARE * _correctable(loaded, np.where(unfinished[:, None], remaining, 0.0))
-        reported = share_of(parts[MENDED], 0.0 if done == 0 else 1.0, 1.0)  # the further ones are seldom
-        next_trial = _tried(loaded, command_against(loaded, displacement + change), reported)
-        better = _less_left(loaded, next_trial.deviation_part, remaining)[:, None]
-        displacement = displacement + np.where(better, change, 0.0)
-        remaining = np.where(better, next_trial.deviation_part, remaining)
-        trial = Trial(remaining, np.where(better[:, 0], next_trial.cutting, trial.cutting))
-        unfinished = _leaves_much(loaded, remaining) & better[:, 0] & steady
         if not np.any(unfinished):
             break
+        change = _SHARE * _correctable(loaded, _blended(loaded, unfinished) * remaining)
+        reported = share_of(parts[MENDED], 0.0 if done == 0 else 1.0, 1.0)  # the further ones are seldom
+        next_trial = _tried(loaded, command_against(loaded, displacement + change), reported)
+        size = size_about(loaded, next_trial.deviation_part)
+        better = unfinished & (size <= left)
+        displacement = displacement + _blended(loaded, better) * change
+        remaining = np.where(better[:, None], next_trial.deviation_part, remaining)
+        trial = Trial(remaining, np.where(better, next_trial.cutting, trial.cutting))
+        left = np.where(better, size, left)
+        unfinished = better & (left > allowed)
     return command_against(loaded, displacement), trial
 
 
@@ -278,26 +291,9 @@ def _cuts(loaded: LoadedRobot) -> Int:
     return out
 
 
-def _leaves_much(loaded: LoadedRobot, remaining: Float) -> Bool:
-    """(n,) True on cuts where a trial leaves more than :data:`_MUCH` of the largest deflection across the path."""
-    contact, cut = loaded.cut.contact, _cuts(loaded)
-    p, rows = loaded.inputs.path.p_part_tcp, cut[contact]
-    size, bend = (np.linalg.norm(across(d[:, :3], p), axis=1)[contact] for d in (remaining, loaded.deflection_part))
-    most = np.zeros(cut[-1] + 1)
-    np.maximum.at(most, rows, bend)
-    beyond = np.bincount(rows, size > _MUCH * most[rows], minlength=len(most))
-    out: Bool = (beyond > _FEW * np.bincount(rows, minlength=len(most)))[cut]
-    return out
-
-
-def _less_left(loaded: LoadedRobot, one: Float, other: Float) -> Bool:
-    """(n,) True on cuts, from rapid to rapid, where one deviation is smaller than the other, by mean fourth power."""
-    cut, contact, p = _cuts(loaded), loaded.cut.contact, loaded.inputs.path.p_part_tcp
-    # The fourth power lies between the mean square, which a short entry hardly moves, and the largest value, which one
-    # row decides.
-    gained = np.sum(across(other[:, :3], p) ** 2, axis=1) ** 2 - np.sum(across(one[:, :3], p) ** 2, axis=1) ** 2
-    out: Bool = np.bincount(cut, np.where(contact, gained, 0.0))[cut] > 0.0
-    return out
+def _blended(loaded: LoadedRobot, rows: Bool) -> Float:
+    """(n, 1) share 0..1 of a change that is taken in some rows, even over :data:`_BLEND_S` at their ends."""
+    return lasting(rows[:, None].astype(np.float64), loaded.inputs.path.time_s, _BLEND_S)
 
 
 def _tried(loaded: LoadedRobot, command: Command, progress: Progress) -> Trial:
@@ -306,35 +302,12 @@ def _tried(loaded: LoadedRobot, command: Command, progress: Progress) -> Trial:
 
 
 def _correctable(loaded: LoadedRobot, deviation: Float) -> Float:
-    """Return the correctable part of a deviation: without what is faster than the robot, shaped in time."""
+    """Return the correctable part of a deviation: without what is faster than the robot."""
     setting, path = loaded.inputs.setting, loaded.inputs.path
     left = deviation if setting.orientation else np.pad(deviation[:, :3], ((0, 0), (0, 3)))
     if setting.normal_only:
         left = np.concatenate([across(left[:, :3], path.p_part_tcp), left[:, 3:]], axis=1)
-    left = left - lasting(left, path.time_s)
     return shaped(loaded, left, np.zeros_like(left))
-
-
-def lasting(values: Float, time_s: Float, window_s: float = _LASTING_S) -> Float:
-    """Mean of a signal over a window about each row, less at the ends.
-
-    Args:
-        values: (n, k).
-        time_s: (n,) s, not decreasing, longer than nothing.
-        window_s: Length of the window, s.
-
-    Returns:
-        (n, k).
-    """
-    if len(time_s) < 2 or time_s[-1] <= time_s[0]:
-        return values.copy()
-    step = np.diff(time_s, prepend=time_s[0])[:, None]
-    middle = 0.5 * (values + np.concatenate([values[:1], values[:-1]]))
-    total = np.cumsum(middle * step, axis=0)
-    late, early = time_s + 0.5 * window_s, time_s - 0.5 * window_s
-    width = np.minimum(late, time_s[-1]) - np.maximum(early, time_s[0])
-    out = [(np.interp(late, time_s, c) - np.interp(early, time_s, c)) / width for c in total.T]
-    return np.stack(out, axis=1)
 
 
 @dataclass(frozen=True, eq=False)

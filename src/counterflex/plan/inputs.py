@@ -63,6 +63,7 @@ class Setting:
     swing_m: float = 0.0
     # with which the controller changes the speed of the tool where the path turns or the feed changes
     acceleration_m_s2: float = 1.0
+    blending_m: float = 0.0  # from which distance it rounds corners; 0 stops exactly
     normal_only: bool = False  # correct square to the feed only (Haehn2020 eq. 10)
     orientation: bool = False  # correct the orientation too
     allow_extrapolation: bool = False  # accept force from chips outside the law's range

@@ -22,6 +22,7 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import Setting
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.sag_and_play import corrected_joints, play_deviation, touched_points
+from counterflex.plan.static_correction import FIRST_SHARE, share_of_round
 from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode, Shaping, command_for
@@ -76,8 +77,6 @@ def arrival(p_part: Float, time_s: Float, deflection_part: Float) -> Float:
 
 SMOOTHING_S: Final = 0.04
 _ROUNDS: Final = 12
-_FIRST: Final = 0.5
-"""Share of the deviation without a correction that is taken back at first: the play is then passed, but not twice."""
 
 
 def play_compensation(setting: Setting, path: ToolPath, q: Float, w_tcp_part: Float, lag: Mode, dead_s: float) -> Float:
@@ -106,10 +105,8 @@ def play_compensation(setting: Setting, path: ToolPath, q: Float, w_tcp_part: Fl
     moved = partial(corrected_joints, setting.controller_chain, relative, q, turn=still)
     deviation = partial(play_deviation, setting.chain, relative, path.p_part_tcp)
     as_cut = w_tcp_part, path.time_s, touched, mode
-    requested = -_FIRST * deviation(moved(requested), *as_cut)
+    requested = -FIRST_SHARE * deviation(moved(requested), *as_cut)
     for n in range(_ROUNDS):
         result = deviation(moved(command_for(requested, path.time_s, (), smooth)), *as_cut)
-        # Ever smaller steps: where a correction turns an axis round, what is lost jumps, and a fixed step would go to
-        # and fro.
-        requested = requested - (result + requested) / (1.5 + 0.5 * n)
+        requested = requested - (result + requested) * share_of_round(n)
     return command_for(requested, path.time_s, (mode, lag), Shaping(SMOOTHING_S, dead_s))

@@ -91,8 +91,14 @@ def _plunged(path: ToolPath, contact: Bool, along: Float, first: int, end: int) 
     return last
 
 
-_PLAY_ROUNDS = 3
+_PLAY_ROUNDS = 4
 """How often the correction is made again for what the axes lose at rest: a correction moves them."""
+FIRST_SHARE: Final = 0.5
+"""Share of what the axes lose without a correction that is taken back at first: the play is then passed, but not
+twice."""
+_WINDOW_S: Final = 0.4
+"""About each place, to compare two commands: what a turning axis or a corner leaves is over within it. A command that
+is better at one corner of a contour and worse at another is taken at the first alone."""
 APPROACH_S = 0.3
 """So long before and after contact the path is freed of sag and lost motion too: cuts begin in the right place."""
 _CLEAR_M: Final = 1.0 * MM
@@ -196,30 +202,65 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
 
     ``correction = -shaped(deflection + sag + lost motion)``. Lost motion depends on the commanded angles, so it is
     found again for each command, :data:`_PLAY_ROUNDS` times. A correction that reverses an axis changes what that axis
-    loses, which may reverse it back, further each time: in each cut, from rapid to rapid, the round is kept that
-    changed least, by root mean square.
+    loses, which may reverse it back, further each time: as in :mod:`counterflex.plan.play_compensation`, half is taken
+    first and each round takes a smaller share of the change, or all of it where it goes on in the direction of the one
+    before; at each place the round is kept that changed least.
 
     Returns:
         The displacement (n, 6) m, rad that is taken back, and the command that does it.
     """
     w, robot, deflection = loaded.cut.w_tcp_part, loaded.robot, loaded.deflection_part
     static = np.concatenate([deflection[:, :3] + robot.sag_part, deflection[:, 3:]], axis=1) - loaded.swinging_part
-    no_turn, kind = ((0, 0), (0, 3)), loaded.inputs.path.kind
-    cut: Int = np.cumsum(np.diff(kind, prepend=kind[:1]) != 0)
-    lost = kept = np.pad(lost_motion(robot, loaded.inputs.q, w), no_turn)
-    least = np.full(len(kind), np.inf)
+    no_turn = ((0, 0), (0, 3))
+    lost = kept = FIRST_SHARE * np.pad(lost_motion(robot, loaded.inputs.q, w), no_turn)
+    least, before = np.full(len(lost), np.inf), np.zeros_like(lost)
     for done in range(_PLAY_ROUNDS):
         progress((done + 1.0) / (_PLAY_ROUNDS + 1.0))
         command = command_against(loaded, shaped(loaded, static + lost, loaded.swinging_part))
-        fresh = np.pad(lost_motion(robot, command.q, w), no_turn)
-        size = np.bincount(cut, np.where(loaded.cut.contact, np.sum((fresh - lost) ** 2, axis=1), 0.0))[cut]
-        better = size < least
-        lost = fresh
-        kept, least = np.where(better[:, None], lost, kept), np.minimum(size, least)
+        change = np.pad(lost_motion(robot, command.q, w), no_turn) - lost
+        size = size_about(loaded, change)
+        onward = np.sum(change * before, axis=1, keepdims=True) > 0.0
+        estimate = np.where(onward, lost + change, lost)
+        kept, least = np.where((size < least)[:, None], estimate, kept), np.minimum(size, least)
+        lost, before = lost + np.where(onward, 1.0, share_of_round(done)) * change, change
     displacement = shaped(loaded, static + kept, loaded.swinging_part)
     command = command_against(loaded, displacement)
     progress(1.0)
     return displacement, command
+
+
+def share_of_round(done: int) -> float:
+    """Share of the change in what the axes lose that is taken after ``done`` rounds: averaged steps, which converge."""
+    return 1.0 / (1.5 + 0.5 * done)
+
+
+def size_about(loaded: LoadedRobot, deviation: Float) -> Float:
+    """(n,) m^4, mean fourth power of a deviation across the path in contact, over :data:`_WINDOW_S` about each row."""
+    path = loaded.inputs.path
+    square = np.sum(across(deviation[:, :3], path.p_part_tcp) ** 2, axis=1)
+    return lasting(np.where(loaded.cut.contact, square**2, 0.0)[:, None], path.time_s, _WINDOW_S)[:, 0]
+
+
+def lasting(values: Float, time_s: Float, window_s: float) -> Float:
+    """Mean of a signal over a window about each row, less at the ends.
+
+    Args:
+        values: (n, k).
+        time_s: (n,) s, not decreasing, longer than nothing.
+        window_s: Length of the window, s.
+
+    Returns:
+        (n, k).
+    """
+    if len(time_s) < 2 or time_s[-1] <= time_s[0]:
+        return values.copy()
+    step = np.diff(time_s, prepend=time_s[0])[:, None]
+    middle = 0.5 * (values + np.concatenate([values[:1], values[:-1]]))
+    total = np.cumsum(middle * step, axis=0)
+    late, early = time_s + 0.5 * window_s, time_s - 0.5 * window_s
+    width = np.minimum(late, time_s[-1]) - np.maximum(early, time_s[0])
+    out = [(np.interp(late, time_s, c) - np.interp(early, time_s, c)) / width for c in total.T]
+    return np.stack(out, axis=1)
 
 
 def check_corrections(command: Command, line: Int, limits: CorrectionLimits) -> None:

@@ -5,6 +5,7 @@ A compensated program says in a comment which plan it was written from.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,7 +70,12 @@ def programmed_motions(program: Program) -> MotionTable:
 
 
 def tool_path(
-    program: Program, *, step_m: float = 1e-3, rapid_speed_m_s: float = 0.5, chord_m: float = 5e-6
+    program: Program,
+    *,
+    step_m: float = 1e-3,
+    rapid_speed_m_s: float = 0.5,
+    chord_m: float = 5e-6,
+    step_s: float = math.inf,
 ) -> ToolPath:
     """Sample the motions of a three-axis program.
 
@@ -77,6 +83,7 @@ def tool_path(
         step_m: Longest step of feed and arc motions, m, > 0.
         rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.
         chord_m: Allowed chord error of arcs, m, > 0.
+        step_s: Longest time of a step, s, > 0.
 
     Returns:
         The tool path; its column ``motion`` indexes ``program.motions``.
@@ -85,7 +92,7 @@ def tool_path(
         ProgramError: The program turns a rotary axis.
         InputError: An argument is out of range.
     """
-    return sample(motion_table(program), step_m=step_m, rapid_speed_m_s=rapid_speed_m_s, chord_m=chord_m)
+    return sample(motion_table(program), step_m=step_m, rapid_speed_m_s=rapid_speed_m_s, chord_m=chord_m, step_s=step_s)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -67,7 +68,13 @@ def _unit(vector: Float) -> Float:
 
 
 def turned_path(
-    program: Program, words: RotaryWords, *, step_m: float, rapid_speed_m_s: float, chord_m: float = 5e-6
+    program: Program,
+    words: RotaryWords,
+    *,
+    step_m: float,
+    rapid_speed_m_s: float,
+    chord_m: float = 5e-6,
+    step_s: float = math.inf,
 ) -> TurnedPath:
     """Sample a program that turns the tool; see :meth:`~counterflex.path.turning.TurnedPath.sampled`.
 
@@ -77,6 +84,7 @@ def turned_path(
         step_m: Longest step, m.
         rapid_speed_m_s: Speed assumed for rapids, m/s.
         chord_m: Allowed chord error of arcs, m.
+        step_s: Longest time of a step, s.
 
     Returns:
         The path of the tool in the part frame, and the programmed points and angles.
@@ -88,7 +96,12 @@ def turned_path(
     feed = np.array([motion.feed_rad_s for motion in program.motions])
     turning = Turning(start, end, feed, words.pose)
     return TurnedPath.sampled(
-        programmed_motions(program), turning, step_m=step_m, rapid_speed_m_s=rapid_speed_m_s, chord_m=chord_m
+        programmed_motions(program),
+        turning,
+        step_m=step_m,
+        rapid_speed_m_s=rapid_speed_m_s,
+        chord_m=chord_m,
+        step_s=step_s,
     )
 
 
