@@ -170,7 +170,6 @@ def _timed(session: OnlineSession) -> dict[str, list[int]]:
     watch(session, "_watch_telegrams", "  telegrams watched")
     watch(session._senses, "read_force", "  force")
     watch(session.force, "drain", "    records taken in")
-    watch(session.loop, "take", "    fast samples")
     watch(session._senses, "read_tracker", "  tracker")
     watch(session.tracker, "drain", "    poses taken in")
     watch(session.loop, "run", "  step")

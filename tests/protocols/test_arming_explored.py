@@ -63,7 +63,7 @@ class Force:
     """Stands for a sensor without a load."""
 
     saturated = frozen = False
-    first, new = -1, 1
+    first, new, good = -1, 1, 1
 
     def __init__(self) -> None:
         self.samples, self.w_sensor = np.zeros((1, 6)), np.zeros(6)
@@ -120,8 +120,8 @@ class Session:
         robot.enable, robot.clamped, robot.job, robot.elapsed, force.new = False, False, JOB, 1, 1
         force.saturated, self.ring.count, run.trouble = False, 0, ""
         run.watch.records[:] = self._watch
-        run._tare.accepted, run._tare.refusals, run._senses.force_age = True, 0, 0
-        run._senses._pause = 0.0
+        run._tare.accepted, run._tare.refusals, run._senses.now.force_age = True, 0, 0
+        run._senses.now.pause = 0.0
         run._silent_cycles = 0
         assert self.state == State.READY
 

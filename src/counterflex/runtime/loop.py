@@ -143,6 +143,11 @@ class Loop:
         self.reset()
 
     @property
+    def rows(self) -> tuple[Records, Records]:
+        """(1,) LOOP and (1,) ARRAYS of :func:`counterflex.runtime.cycle.cycle`, for a kernel that calls it."""
+        return self._loop, self._table.rows
+
+    @property
     def holds_part(self) -> bool:
         """Return whether the robot holds the part against a spindle that stands."""
         return self._held

@@ -275,8 +275,8 @@ class OnlineSession:
                 cycles=self.cycles,
                 clock_jumps=self.watch.now.clock_jumps,
                 set_back=self.set_back,
-                force_age=self._senses.force_age,
-                tracker_age=self._senses.tracker_age,
+                force_age=self._senses.now.force_age,
+                tracker_age=self._senses.now.tracker_age,
                 spikes=self._senses.spikes,
             )
         if self._publisher is not None:
