@@ -30,13 +30,10 @@ from counterflex.runtime.sensing.sensor_wrench import ARRAYS as WRENCH_ARRAYS, S
 from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 from counterflex.runtime.sensing.strain_wrench import StrainWrench
 from counterflex.runtime.settings import ForceMode, TrackerMode
-from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.runtime.step.place import FAULT_LOST
+from counterflex.runtime.state.supervisor import State
 from counterflex.signals.arrival import ArrivalClock
 
 _READY = int(State.READY)
-_TRACKER_LOST, _FORCE_STALE = int(Cause.TRACKER_LOST), int(Cause.FORCE_STALE)
-_SCATTERED, _STOPPED = int(Cause.TELEGRAMS_SCATTERED), int(Cause.TELEGRAMS_STOPPED)
 
 
 ProcessWrench: TypeAlias = SensorWrench | StrainWrench | PairWrench
@@ -70,7 +67,10 @@ class Senses:
         clock_ns: Monotonic clock.
 
     Attributes:
-        now: What is known from cycle to cycle, :data:`counterflex.protocols.session.senses_kernel.SENSES`.
+        records: (1,) :data:`counterflex.protocols.session.senses_kernel.SENSES`; ``now`` are the same numbers, read and
+            written faster.
+        needs_tracker: The correction needs the tracker.
+        tracker_stale: Cycles without a pose from which on it is lost.
         since: Cycles of the robot since the inertia of the spindle was last taken out.
     """
 
@@ -89,31 +89,30 @@ class Senses:
         self._in_effect: Float = loop.step_state.in_effect[:3]
         self._stand: Float = np.zeros(12)
         fused = loop.settings.force == ForceMode.FUSED
-        self._needs_force = loop.settings.force in (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE)
-        self._needs_force |= fused and force is not None
-        self._needs_tracker = loop.settings.tracker != TrackerMode.NONE or (fused and tracker is not None)
-        self._sources = int(Source.FORCE) * (force is not None) | int(Source.TRACKER) * (tracker is not None)
-        self._sources |= int(Source.CURRENTS) * (currents is not None)
+        needs_force = loop.settings.force in (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE)
+        self.needs_tracker = loop.settings.tracker != TrackerMode.NONE or (fused and tracker is not None)
+        sources = int(Source.FORCE) * (force is not None) | int(Source.TRACKER) * (tracker is not None)
+        sources |= int(Source.CURRENTS) * (currents is not None)
         self._arrival = ArrivalClock(loop.settings.delays.tracker_s)
         stale_s = loop.settings.fusion.tracker_stale_s if fused else 0.0
-        self._tracker_stale = max(loop.settings.stale_cycles, round(stale_s / loop.settings.period_s))
+        self.tracker_stale = max(loop.settings.stale_cycles, round(stale_s / loop.settings.period_s))
         self._gate = records(GATE)
         self._gate_now: Any = attributes(self._gate)
         self._cleaned: Float = self._gate[0].w
-        self._senses = records(own.SENSES)
-        self.now: Any = attributes(self._senses)
-        self._begin()
+        self.records = records(own.SENSES)
+        self.now: Any = attributes(self.records)
+        self._begin(needs_force=needs_force or (fused and force is not None), sources=sources)
         self._rows = self._table(sensing)
         # What else than a flange sensor makes the wrench, or goes on with it, is called between two kernels.
         self._at_once = isinstance(self._wrench, SensorWrench) and self._inertia is None
         self.since = 0
         self._time_zero_ns = clock_ns()
 
-    def _begin(self) -> None:
+    def _begin(self, *, needs_force: bool, sources: int) -> None:
         now = self.now
         now.force_age = now.tracker_age = now.current_age = own.FORGET_CYCLES
-        now.needs_force, now.has_force = int(self._needs_force), int(self._force is not None)
-        now.sources = self._sources
+        now.needs_force, now.has_force = int(needs_force), int(self._force is not None)
+        now.sources = sources
         now.take_fast, now.wrench = address_of(take_fast), address_of(sensor_wrench)
 
     def _table(self, sensing: Sensing) -> ArrayTable:
@@ -125,7 +124,7 @@ class Senses:
         )
         return ArrayTable(
             own.ARRAYS,
-            senses=self._senses,
+            senses=self.records,
             gate=self._gate,
             loop=loops,
             loop_table=loop_rows,
@@ -150,28 +149,16 @@ class Senses:
         """Number of times that the tracker's clock was set back."""
         return self._arrival.set_back
 
-    def fill_ages(self) -> None:
-        """Write into the inputs of the step which sensors there are, and how old their readings are."""
-        given, now = self._given, self.now
-        given.force_age = own.overdue_of(self._senses) if self._needs_force or self._force is None else 0
-        given.tracker_age, given.current_age = now.tracker_age, now.current_age
-        given.sources = self._sources
-
-    def read_force(self, soft: int, good_telegrams: int) -> int:
-        """Drain the force sensor into the wrench of the step.
+    def read_force(self, good_telegrams: int) -> None:
+        """Drain the force sensor into the wrench of the step; a cause of a hold is written.
 
         Args:
-            soft: Cause of a hold that is known already, or 0.
             good_telegrams: In a row; the sensor's zero is taken once there are enough.
-
-        Returns:
-            Cause of a hold, or 0.
         """
-        force, now, tare = self._force, self.now, self._tare
+        force, tare = self._force, self._tare
         if force is None or self._wrench is None:
-            return soft
+            return
         good = force.drain()
-        now.soft = soft
         due = not tare.accepted and self._result.state <= _READY and good_telegrams > self._settle // 2
         if self._at_once and not due:
             own.read_force(
@@ -186,7 +173,6 @@ class Senses:
             )
         else:
             self._read_force_in_steps(force, self._wrench, good, due)
-        return int(now.soft)
 
     def _age_s(self) -> float:
         """Time since the sensor's zero was set."""
@@ -235,23 +221,6 @@ class Senses:
         if received and self._motors is not None and self._link.fill_currents(self._motors.current):
             self._motors(self._q, self._torque)
             self.now.current_age = 0
-
-    def lacking(self, good_telegrams: int, cycles: int, silent_cycles: int = 0) -> int:
-        """Cause against arming: a sensor that is needed is silent, or the telegrams do not come steadily; or 0."""
-        if self._needs_tracker and self.now.tracker_age >= self._tracker_stale:
-            return _TRACKER_LOST
-        if self._needs_force and own.overdue_of(self._senses) >= self._loop.settings.stale_cycles:
-            return _FORCE_STALE
-        settle = self._settle
-        if silent_cycles > 0:  # none comes: nothing is scattered
-            return _STOPPED if silent_cycles >= FAULT_LOST else 0
-        return _SCATTERED if good_telegrams < settle < cycles - 2 * settle else 0
-
-    def healthy(self, good_telegrams: int) -> int:
-        """1 where telegrams and every sensor that is needed are as they must be for arming, else 0."""
-        force = not self._needs_force or (self._tare.accepted and own.overdue_of(self._senses) == 0)
-        tracker = not self._needs_tracker or self.now.tracker_age < self._tracker_stale
-        return int(good_telegrams >= self._settle and force and tracker)
 
 
 def tracker_frames(T_base_part: Float, T_base_tracker: Float, T_tcp_target: Float) -> tuple[Float, Float]:

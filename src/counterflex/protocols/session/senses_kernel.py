@@ -97,12 +97,6 @@ def overdue(s: Record) -> int:
     return max(0, s.force_age - math.ceil(s.pause - _ROUNDED))
 
 
-@kernel("int64(Senses[::1])", Senses=SENSES, entry=True)
-def overdue_of(senses: Records) -> int:
-    """:func:`overdue` for a caller that is no kernel."""
-    return int(overdue(senses[0]))
-
-
 @kernel(
     "int64(Arrays[::1], float64[:, ::1], int64, int64, int64, boolean, boolean)",
     Arrays=ARRAYS,
