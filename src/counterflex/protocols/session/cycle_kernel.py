@@ -105,8 +105,23 @@ def judge_silence(tables: Records, malformed: int) -> None:
     senses.soft, session.hard = silent(_watch(table), malformed)
 
 
+@kernel("void(Arrays, int64, int64)", Arrays=ARRAYS)
+def _judge_angles(table: Record, commanded_is: int, measured_is: int) -> None:
+    """Hold the angles of a telegram against its poses; those that do not agree are replaced."""
+    session, loop = _session(table)[0], _loop(table)[0]
+    given = loop.given
+    measured = given.nominal[:] if measured_is == axes.ABSENT else reals(table.stand)
+    checks = carray(to_pointer(table.axes.place), (1,), axes.ARRAYS)
+    cause = _agree(
+        session.agree, checks, given.q[:], loop.result.correction[:], given.nominal[:], measured,
+        commanded_is, measured_is, int(loop.result.state <= _READY),
+    )  # fmt: skip
+    if cause != 0:
+        _senses(table)[0].soft = cause
+
+
 @kernel(
-    "void(Arrays[::1], boolean, int64, float64, int64, int64, int64, boolean)",
+    "void(Arrays[::1], boolean, int64, float64, int64, int64, int64, boolean, int64, int64)",
     Arrays=ARRAYS,
     entry=True,
 )
@@ -119,8 +134,12 @@ def judge(
     malformed: int,
     repeated: int,
     answered: bool,
+    commanded_is: int,
+    measured_is: int,
 ) -> None:
-    """Judge this cycle's telegram and those before it; causes of a hold and of a fault are written.
+    """Judge this cycle's telegram and those before it, and its angles before a sensor is read by them.
+
+    Causes of a hold and of a fault are written.
 
     Args:
         tables: (1,) ARRAYS.
@@ -131,6 +150,8 @@ def judge(
         malformed: Unreadable telegrams in a row.
         repeated: Telegrams since the one before that could not be read and were answered all the same.
         answered: The one before was answered.
+        commanded_is: How the commanded pose belongs to the angles.
+        measured_is: Likewise the measured one.
     """
     table = tables[0]
     session, senses, watches = _session(table)[0], _senses(table)[0], _watch(table)
@@ -141,30 +162,8 @@ def judge(
     senses.soft, hard = received(watches, elapsed, offset_ns, late, malformed, answered, repeated)
     if session.hard == 0:
         session.hard = hard
-
-
-@kernel("void(Arrays[::1], int64, int64)", Arrays=ARRAYS, entry=True)
-def judge_angles(tables: Records, commanded_is: int, measured_is: int) -> None:
-    """Hold the angles of a telegram against its poses, before a sensor is read by them.
-
-    Args:
-        tables: (1,) ARRAYS; the cause of a hold is written, and angles that do not agree are replaced.
-        commanded_is: How the commanded pose belongs to the angles.
-        measured_is: Likewise the measured one.
-    """
-    table = tables[0]
-    session, loop = _session(table)[0], _loop(table)[0]
-    if session.angles == 0:
-        return
-    given = loop.given
-    measured = given.nominal[:] if measured_is == axes.ABSENT else reals(table.stand)
-    checks = carray(to_pointer(table.axes.place), (1,), axes.ARRAYS)
-    cause = _agree(
-        session.agree, checks, given.q[:], loop.result.correction[:], given.nominal[:], measured,
-        commanded_is, measured_is, int(loop.result.state <= _READY),
-    )  # fmt: skip
-    if cause != 0:
-        _senses(table)[0].soft = cause
+    if session.angles == 1:
+        _judge_angles(table, commanded_is, measured_is)
 
 
 @kernel("int64(Arrays, int64, int64, boolean, boolean)", Arrays=ARRAYS)

@@ -270,6 +270,9 @@ class OnlineSession:
         link.fill(self._nominal, self._q)
         self._given.is_reported = int(link.fill_reported(self._reported))
         another, self._another = self._another, False
+        measured_is = ABSENT if self._angles is None else link.measured_is
+        if measured_is != ABSENT and not link.fill_actual(self._stand):
+            measured_is = ABSENT
         own.judge(
             self._rows,
             another,
@@ -279,11 +282,10 @@ class OnlineSession:
             counters.malformed_in_a_row,
             counters.repeated - self._repeated,
             self._answered,
+            link.commanded_is,
+            measured_is,
         )
         self._repeated = counters.repeated
-        if self._angles is not None:
-            measured = link.measured_is != ABSENT and link.fill_actual(self._stand)
-            own.judge_angles(self._rows, link.commanded_is, link.measured_is if measured else ABSENT)
 
     def _read_senses(self, received: bool) -> None:
         """Read every sensor; causes of a hold are written."""
