@@ -39,8 +39,8 @@ _PATHS, _LONG = (
 _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kernels"
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
-    "modules": 1228,
-    "lines": 217_784,
+    "modules": 1231,
+    "lines": 218_326,
     _BIG: 7,
     _WIDE: 7,
     _PATHS: 0,
@@ -50,7 +50,7 @@ CEILINGS = {
     "circles": 0,
     "dataclasses that only carry data": 420,
     "class names used twice or more": 4,
-    "import lines": 15_209,
+    "import lines": 15_262,
     "module docstrings that begin with What, How, Which": 0,
     "words in hand-written docs": 89_758,
     "links of docs/index.md": 25,

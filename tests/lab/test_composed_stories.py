@@ -250,7 +250,7 @@ def _decided(patch: pytest.MonkeyPatch, spoil: Callable[[OnlineSession], None]) 
     """Let every decision be made on other inputs; control and log are given back behind it."""
     right = OnlineSession._decide
 
-    def decide(self: OnlineSession, *words: Any) -> int:
+    def decide(self: OnlineSession, *words: Any) -> bool:
         control, ring = self.control.copy(), self.ring
         spoil(self)
         try:

@@ -43,13 +43,24 @@ def at_address(function: Any) -> Any:
     if numba.config.DISABLE_JIT:
         return lambda _address, *arguments: function(*arguments)
     signature = with_records(*function.stated)
-    result, kinds = signature.return_type, signature.args
+    result, lower = signature.return_type, _lowering(signature.return_type, signature.args)
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def call(_context: Any, _address: Any, *arguments: Any) -> Any:
+        """Call what lies there."""
+        return result(types.int64, types.StarArgTuple.from_types(arguments)), lower
+
+    return call
+
+
+def _lowering(result: Any, kinds: tuple[Any, ...]) -> Callable[..., Any]:
+    """Code that calls a kernel of these types, as Numba calls one."""
 
     def lower(context: Any, builder: Any, own: Any, values: Any) -> Any:
-        given = [builder.extract_value(values[1], k) for k in range(len(kinds))]
+        pairs = zip(own.args[1].types, kinds, strict=True)
         given = [
-            context.cast(builder, value, kind, wanted)
-            for value, kind, wanted in zip(given, own.args[1].types, kinds, strict=True)
+            context.cast(builder, builder.extract_value(values[1], k), kind, required)
+            for k, (kind, required) in enumerate(pairs)
         ]
         code = builder.inttoptr(values[0], context.call_conv.get_function_type(result, kinds).as_pointer())
         status, out = context.call_conv.call_function(builder, code, result, kinds, given)
@@ -57,10 +68,4 @@ def at_address(function: Any) -> Any:
             context.call_conv.return_status_propagate(builder, status)
         return context.get_dummy_value() if result == types.void else out
 
-    @intrinsic  # type: ignore[untyped-decorator]
-    def call(_context: Any, _address: Any, *arguments: Any) -> Any:
-        """Call what lies there."""
-        return result(types.int64, types.StarArgTuple.from_types(arguments)), lower
-
-    out: Callable[..., Any] = call
-    return out
+    return lower

@@ -60,8 +60,6 @@ SESSION: Final = record(
 )
 """What a session is set to and knows, beside its senses."""
 ARRAYS: Final = addresses("session", "senses", "watch", "loop", "loop_table", "axes", "stand", "control")
-RESET_ASKED, KEEPS_SILENT = 1, 2
-"""Bits of what :func:`decide` returns: a person has asked to reset; nothing is answered."""
 
 _run = at_address(cycle)
 _agree = at_address(axes.angles_agree)
@@ -215,7 +213,7 @@ def _fill_flags(table: Record, zero_known: bool) -> None:
 
 
 @kernel(
-    "int64(Arrays[::1], int64, int64, int64, int64, int64, boolean, boolean, boolean, boolean, boolean)",
+    "boolean(Arrays[::1], int64, int64, int64, int64, int64, boolean, boolean, boolean, boolean, boolean)",
     Arrays=ARRAYS,
     entry=True,
 )
@@ -231,7 +229,7 @@ def decide(
     not_closed: bool,
     zero_known: bool,
     arm: bool,
-) -> int:
+) -> bool:
     """Take what was found in this cycle together, and do the step.
 
     Args:
@@ -248,7 +246,7 @@ def decide(
         arm: Arm again, behind a change of tools.
 
     Returns:
-        Bits RESET_ASKED and KEEPS_SILENT.
+        Whether a person has asked to reset.
     """
     table = tables[0]
     session, senses, loops, control = _session(table)[0], _senses(table)[0], _loop(table), wholes(table.control)
@@ -278,4 +276,4 @@ def decide(
     if result.state >= _ARMED:  # served, or overtaken by what happened: it must not arm later by itself
         control[_ARM] = 0
     control[_RESET] = 0
-    return (RESET_ASKED if resetting else 0) | (KEEPS_SILENT if result.silent != 0 else 0)
+    return bool(resetting)

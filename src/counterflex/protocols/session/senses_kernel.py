@@ -94,7 +94,7 @@ def _senses(table: Record) -> Records:
 @kernel("int64(Senses)", Senses=SENSES)
 def overdue(s: Record) -> int:
     """Cycles by which the force reading is older than those of this sensor usually get."""
-    return max(0, s.force_age - math.ceil(s.pause - _ROUNDED))
+    return int(max(0, s.force_age - math.ceil(s.pause - _ROUNDED)))
 
 
 @kernel(

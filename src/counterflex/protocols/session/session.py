@@ -222,8 +222,7 @@ class OnlineSession:
             received = False  # once something is in force it stays in force, and is no telegram
         self._take_telegram(received, received_ns)
         self._read_senses(received)
-        asked = self._decide(received, received_ns)
-        self._serve_requests(bool(asked & own.RESET_ASKED))
+        self._serve_requests(self._decide(received, received_ns))
         if received:
             self._answered = not result.silent
         self._reply(answer_due)
@@ -302,8 +301,8 @@ class OnlineSession:
         except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
             self._failed(fault)
 
-    def _decide(self, received: bool, received_ns: int) -> int:
-        """Take what was found together, and do the step; bits of :func:`.cycle_kernel.decide`."""
+    def _decide(self, received: bool, received_ns: int) -> bool:
+        """Take what was found together, and do the step; returns whether a person has asked to reset."""
         link, ring, tare = self.link, self.ring, self._tare
         return own.decide(
             self._rows,
