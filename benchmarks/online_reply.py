@@ -166,14 +166,13 @@ def _timed(session: OnlineSession) -> dict[str, list[int]]:
 
     watch(session.link, "_read", "telegram read")
     watch(session, "handle_cycle", "all behind it")
-    watch(session.link, "fill", "  pose and axes")
-    watch(session, "_watch_telegrams", "  telegrams watched")
+    watch(session, "_take_telegram", "  telegram judged")
+    watch(session.link, "fill", "    pose and axes")
     watch(session._senses, "read_force", "  force")
     watch(session.force, "drain", "    records taken in")
-    watch(session.loop, "take", "    fast samples")
     watch(session._senses, "read_tracker", "  tracker")
     watch(session.tracker, "drain", "    poses taken in")
-    watch(session.loop, "run", "  step")
+    watch(session, "_decide", "  step, and causes")
     watch(session.link, "answer", "  answer written and sent")
     watch(session._record, "write", "  record, behind the answer")
     return times

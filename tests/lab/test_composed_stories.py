@@ -17,6 +17,7 @@ from counterflex.core.errors import InputError
 from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink
 from counterflex.integrations.abb.link.path_link import EgmPathLink
 from counterflex.integrations.kuka.link.link import RsiLink
+from counterflex.protocols.processes.control_array import Life, Request
 from counterflex.protocols.robot.port import RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
 from counterflex.protocols.session.publisher import RecordWriter
@@ -245,33 +246,43 @@ def _session_goes_on(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(SessionCounter, "advance", lambda self: (right(self)[0], False))
 
 
+def _decided(patch: pytest.MonkeyPatch, spoil: Callable[[OnlineSession], None]) -> None:
+    """Let every decision be made on other inputs; control and log are given back behind it."""
+    right = OnlineSession._decide
+
+    def decide(self: OnlineSession, *words: Any) -> bool:
+        control, ring = self.control.copy(), self.ring
+        spoil(self)
+        try:
+            return right(self, *words)
+        finally:
+            self.ring = ring
+            for word in (Life.GONE, Request.STOP):
+                self.control[word] = control[word]
+
+    patch.setattr(OnlineSession, "_decide", decide)
+
+
 def _log_does_not_matter(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(OnlineSession, "_log_lost", lambda _self, _armed: False)
+    _decided(patch, lambda session: setattr(session, "ring", None))
 
 
 def _run_does_not_matter(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(OnlineSession, "_run_lost", lambda _self, _now: False)
+    def spoil(session: OnlineSession) -> None:
+        session._now.run_silent_ns, session.control[Life.GONE] = -1, 0
+
+    _decided(patch, spoil)
 
 
 def _never_stops(patch: pytest.MonkeyPatch) -> None:
-    right = OnlineSession._fill_flags
-
-    def fill(self: OnlineSession, *words: Any) -> None:
-        right(self, *words)
-        self._given.stop = 0
-
-    patch.setattr(OnlineSession, "_fill_flags", fill)
+    _decided(patch, lambda session: session.control.__setitem__(Request.STOP, 0))
 
 
 def _enable_stays(patch: pytest.MonkeyPatch) -> None:
-    right = OnlineSession._fill_flags
+    def spoil(session: OnlineSession) -> None:
+        session.link.enable |= session._result.state == State.ACTIVE
 
-    def fill(self: OnlineSession, *words: Any) -> None:
-        right(self, *words)
-        if self._result.state == State.ACTIVE:
-            self._given.enable = 1
-
-    patch.setattr(OnlineSession, "_fill_flags", fill)
+    _decided(patch, spoil)
 
 
 def _nobody_looks(patch: pytest.MonkeyPatch) -> None:

@@ -15,9 +15,8 @@ from counterflex.integrations.kuka.simulated import RsiContext
 from counterflex.protocols.processes import snapshot_layout as layout
 from counterflex.protocols.processes.control_array import Panel, Request
 from counterflex.protocols.processes.snapshot import SnapshotMemory, SnapshotReader, SnapshotSlots, check_of
-from counterflex.protocols.session.publisher import LOST, NO_PANEL, THERE
 from counterflex.protocols.session.session import SessionChecks
-from counterflex.protocols.session.snapshot_kernel import lengths_of, share_of
+from counterflex.protocols.session.snapshot_kernel import LOST, NO_PANEL, THERE, lengths_of, share_of
 from counterflex.runtime.state.states import Cause, State
 from counterflex_lab.faults.rig import Rig
 

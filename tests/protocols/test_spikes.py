@@ -6,14 +6,17 @@ import numpy as np
 from hypothesis import given, settings, strategies as st
 
 from counterflex.core.arrays import Float
-from counterflex.protocols.session.spikes import LEAST_N, SpikeGate
+from counterflex.core.records import records
+from counterflex.protocols.session.spikes import GATE, LEAST_N, clean
 
 
 def means(samples: Float, per_cycle: int) -> list[Float | None]:
-    gate = SpikeGate()
-    parts = samples.reshape(-1, per_cycle, 6)
-    found = (gate.cleaned(part.mean(axis=0), part, per_cycle) for part in parts)
-    return [None if w is None else w.copy() for w in found]
+    gates, found = records(GATE), []
+    for part in samples.reshape(-1, per_cycle, 6):
+        left_out = clean(part, per_cycle, gates)
+        mean = part.mean(axis=0) if left_out == 0 else gates["w"][0].copy()
+        found.append(None if left_out == per_cycle else mean)
+    return found
 
 
 def force(y_n: Float) -> Float:
@@ -53,14 +56,13 @@ def test_a_step_is_late_by_two_samples_at_most(step: float, per_cycle: int) -> N
     assert all(mean is not None for mean in found[first:])
 
 
-def test_what_is_not_far_off_is_the_mean_itself_and_counts_nothing() -> None:
+def test_what_is_not_far_off_is_left_in_and_counts_nothing() -> None:
     rng = np.random.default_rng(0)
-    gate = SpikeGate()
+    gates = records(GATE)
     for k in range(400):
         part = force(150.0 * np.sin(0.8 * (4 * k + np.arange(4))) + rng.standard_normal(4))  # a mill's tooth passing
-        w = part.mean(axis=0)
-        clean = gate.cleaned(w, part, 4)
-        assert k < 60 or clean is w
-    before = gate.count
-    gate.cleaned(w, force(np.array([0.0, 4000.0, 0.0, 0.0])), 4)
-    assert gate.count == before + 1
+        left_out = clean(part, 4, gates)
+        assert k < 60 or left_out == 0
+    before = int(gates["count"][0])
+    clean(force(np.array([0.0, 4000.0, 0.0, 0.0])), 4, gates)
+    assert gates["count"][0] == before + 1

@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from counterflex.core.errors import InputError
-from counterflex.protocols.session.telegram_watch import UNKNOWN, WINDOW, TelegramWatch, WatchSettings
+from counterflex.protocols.session.telegram_watch import UNKNOWN, WINDOW, TelegramWatch, WatchSettings, received, silent
 from counterflex.runtime.state.supervisor import Cause
 
-PERIOD_NS = 4_000_000
 SOFT_AND_HARD = tuple[int, int]
 
 
@@ -23,15 +22,7 @@ class _Line:
     def come(self, *, skew_ns: int = 0, answered: bool = True, malformed: int = 0, repeated: int = 0) -> SOFT_AND_HARD:
         self.k += 1
         elapsed, self.last = self.k - self.last, self.k
-        return self.watch.received(
-            elapsed,
-            4 * self.k,
-            PERIOD_NS * self.k + skew_ns,
-            self.late,
-            malformed,
-            answered=answered,
-            repeated=repeated,
-        )
+        return received(self.watch.records, elapsed, skew_ns, self.late, malformed, answered, repeated)
 
     def lose(self, *, counted: bool = True) -> None:
         self.k += 1
@@ -188,10 +179,10 @@ def test_the_clock_is_not_looked_at_where_the_controller_waits() -> None:
 
 def test_unreadable_telegrams() -> None:
     """R13."""
-    watch = TelegramWatch(4e-3)
-    assert watch.silent(2) == (0, 0)
-    assert watch.silent(3) == (Cause.TELEGRAM_MALFORMED, 0)
-    assert watch.silent(10)[1] == Cause.TELEGRAM_MALFORMED
+    watches = TelegramWatch(4e-3).records
+    assert silent(watches, 2) == (0, 0)
+    assert silent(watches, 3) == (Cause.TELEGRAM_MALFORMED, 0)
+    assert silent(watches, 10)[1] == Cause.TELEGRAM_MALFORMED
 
 
 @pytest.mark.parametrize(

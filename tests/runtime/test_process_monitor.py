@@ -17,6 +17,7 @@ from counterflex.core.records import Record, records
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
+from counterflex.runtime.cycle import take_fast
 from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
@@ -291,7 +292,7 @@ def test_missing_samples_are_waited_out() -> None:
 def test_samples_that_were_not_kept_are_not_looked_at() -> None:
     """After a pause more samples come than there are rows: the rest enters the mean only."""
     loop = active()
-    loop.take(np.full((512, 6), 3.0), 700, 0)
+    take_fast(*loop.rows, np.full((512, 6), 3.0), 700, 0)
     assert loop.monitor.fast.samples == 512
     assert np.all(np.isfinite(loop.monitor.columns[0]))
 
@@ -459,7 +460,7 @@ def events_of_samples(signal: Float) -> set[Event]:
         samples[:, 1] += signal[4 * k : 4 * k + 4]
         w = np.zeros(6)
         w[:3] = samples[:, :3].mean(axis=0)
-        loop.take(samples, 4, 4 * k)
+        take_fast(*loop.rows, samples, 4, 4 * k)
         loop.feed(CycleInputs(T_part_tcp=pose.make(R, np.array([x, 0.0, 0.0])), q=Q, w_tcp_part=w, enable=True))
         loop.run()
         met |= {e for e in Event if int(loop.monitor.outcome.new) >> e & 1}

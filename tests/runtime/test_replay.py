@@ -117,7 +117,7 @@ class _Force:
         self.saturated, self.frozen = bool(rng.random() < 0.002), bool(rng.random() < 0.002)
         self.good = 0 if rng.random() < 0.03 else 4
         cutting = 0.03 < self.robot.x < 0.16
-        self.w_sensor = np.r_[30.0, 280.0, -70.0, 0.0, 0.0, 0.0] * cutting + rng.standard_normal(6)
+        self.w_sensor[:] = np.r_[30.0, 280.0, -70.0, 0.0, 0.0, 0.0] * cutting + rng.standard_normal(6)
         self.samples[:] = self.w_sensor + rng.standard_normal((4, 6))
         self.first += 4
         return self.good

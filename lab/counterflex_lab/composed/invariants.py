@@ -15,7 +15,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.protocols.processes.control_array import Kept, Life, Panel
-from counterflex.runtime.primitives.causes import yielding
+from counterflex.runtime.primitives.causes import can_yield
 from counterflex.runtime.state.states import Cause, State
 from counterflex.runtime.step.place import FAULT_LOST
 from counterflex_lab.composed import bench
@@ -164,7 +164,8 @@ class Invariants:
             return
         if world.runs != self._runs:
             self._runs, self._since, self._state, self._in_state = world.runs, {}, State.IDLE, 0
-            self._yielding = yielding(session.loop.records[0]["settings"][0])
+            settings = session.loop.records[0]["settings"][0]
+            self._yielding = frozenset({0, *(int(cause) for cause in Cause if can_yield(settings, int(cause)))})
             self._nominal = session.loop.given.nominal
             self._acted = False
         result = session.loop.quick_result

@@ -199,6 +199,13 @@ class Kernel:
         return self._dispatcher()(*args, **kws)
 
     @property
+    def stated(self) -> tuple[str, dict[str, Any]]:
+        """Its one signature, and the types by the names that it gives them."""
+        _, _, signatures, records = self._making
+        (signature,) = signatures or ()
+        return signature, records
+
+    @property
     def _numba_type_(self) -> Any:
         """Type of this kernel in another one that calls it."""
         return self._dispatcher()._numba_type_
@@ -270,6 +277,7 @@ def kernel(
     *,
     parallel: bool = False,
     fast: bool = False,
+    exact: bool = False,
     inline: bool = False,
     disjoint: bool = False,
     waits: bool = False,
@@ -284,6 +292,7 @@ def kernel(
             must state them, and are compiled before it starts (:func:`compile_stated`).
         parallel: Allow ``prange``. Never for kernels called by the online process.
         fast: Allow re-association of sums (``fastmath={'reassoc','contract','nsz','arcp'}``), never NaN tricks.
+        exact: Round every product and every sum, as Python does; else a product is added without being rounded.
         inline: Put the function into its callers: Numba does, or LLVM where it is ``disjoint``.
         disjoint: No two of its arrays share memory, and it makes none: its loops run in vectors without a look at
             addresses, and nothing is counted.
@@ -303,7 +312,7 @@ def kernel(
         "nogil": parallel or waits,
         "parallel": parallel,
         "error_model": "numpy",
-        "fastmath": {"reassoc", "contract", "nsz", "arcp"} if fast else {"contract"},
+        "fastmath": {"reassoc", "contract", "nsz", "arcp"} if fast else not exact and {"contract"},
     }
     if disjoint:
         options.update(forceinline=inline, noalias=True, _nrt=False)

@@ -14,7 +14,7 @@ from counterflex.core.jit import compile_stated
 from counterflex.core.records import Records, as_reals, as_words, attributes, reals_and_words, records
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.kernels.records import STEP, WORK
-from counterflex.runtime.cycle import ARRAYS, cycle, take_fast
+from counterflex.runtime.cycle import ARRAYS, cycle
 from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop_constants import SCALE_VARIANCE, axis_pid, pack_limits, pack_settings
@@ -143,6 +143,11 @@ class Loop:
         self.reset()
 
     @property
+    def rows(self) -> tuple[Records, Records]:
+        """(1,) LOOP and (1,) ARRAYS of :func:`counterflex.runtime.cycle.cycle`, for a kernel that calls it."""
+        return self._loop, self._table.rows
+
+    @property
     def holds_part(self) -> bool:
         """Return whether the robot holds the part against a spindle that stands."""
         return self._held
@@ -258,10 +263,6 @@ class Loop:
             own = self.layout
             layout = own if words.size == sum(count for _, _, count in own) else layout_before(own)
         put_words(self.memory, words, layout)
-
-    def take(self, samples: Float, count: int, number: int) -> None:
-        """Hand over the force sensor's own samples of the cycle, see :meth:`Monitor.take`; before :meth:`run`."""
-        take_fast(self._loop, self._table.rows, samples, count, number)
 
     def feed(self, inputs: CycleInputs) -> None:
         """Fill the inputs of a cycle; for tests, replays and experiments."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 from counterflex.core.arrays import as_positive
+from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records, attributes, record, records
 
 _ANEW_S: Final = 2.0
 _ANEW_SAMPLES: Final = 5
@@ -14,6 +16,74 @@ _SILENT_S: Final = 0.1  # Without samples for so long, by both clocks, the sourc
 _STEADY_S: Final = 1.0
 """So long later samples must come behind a silence, none of them sooner than the first ones, to be another time."""
 _LATER_S: Final = 2e-3
+
+ARRIVAL: Final = record(
+    least=float,  # s, age of a sample that came the shortest way
+    rate=float,  # by how much the clocks may run apart
+    floor=float,  # s, smallest difference of arrival and stamp; inf before the first sample, as the next two
+    new_floor=float,
+    later=float,
+    last=float,  # s, arrival of the last sample
+    stamp=float,  # s, of it; -inf before the first
+    steady=float,  # s, since when samples are later
+    far=int,  # samples in a row that are far too old
+    fallen=int,  # samples since stamps fell
+    set_back=int,  # how often the other clock was taken anew
+)
+"""What is known of another clock."""
+
+
+@kernel("void(Arrival, float64)", Arrival=ARRIVAL)
+def _begin_anew(a: Record, floor: float) -> None:
+    a.floor, a.far, a.fallen = floor, 0, 0
+    a.later = math.inf
+    a.set_back += 1
+
+
+@kernel("void(Arrival, float64, float64)", Arrival=ARRIVAL)
+def _watch_stamp(a: Record, difference_s: float, stamp_s: float) -> None:
+    """Stamps that have fallen, and what follows: the new time, or the old one again."""
+    if stamp_s < a.stamp:
+        a.fallen, a.new_floor = 1, difference_s
+    elif a.fallen > 0 and difference_s < 0.5 * (a.floor + a.new_floor):
+        a.fallen = 0
+    elif a.fallen > 0 and stamp_s > a.stamp:
+        a.fallen, a.new_floor = a.fallen + 1, min(a.new_floor, difference_s)
+    a.stamp = stamp_s
+    if a.fallen >= _FALLEN_SAMPLES:
+        _begin_anew(a, a.new_floor)
+
+
+@kernel("void(Arrival, float64, float64, float64)", Arrival=ARRIVAL)
+def _watch_silence(a: Record, now_s: float, difference_s: float, stamp_s: float) -> None:
+    """Samples that are all later by the same since the source was silent: its clock was set back meanwhile."""
+    silent = min(now_s - a.last, stamp_s - a.stamp)
+    if a.floor < math.inf and silent > _SILENT_S and difference_s - a.floor > _LATER_S:
+        a.later, a.steady = difference_s, now_s
+    elif difference_s < 0.5 * (a.floor + a.later):
+        a.later = math.inf
+    elif difference_s < a.later - 0.5 * _LATER_S:
+        a.later, a.steady = difference_s, now_s
+    if a.later < math.inf and now_s - a.steady > _STEADY_S:
+        _begin_anew(a, a.later)
+
+
+@kernel("float64(Arrival[::1], float64, float64)", Arrival=ARRIVAL, exact=True, entry=True)
+def age(arrivals: Records, now_s: float, stamp_s: float) -> float:
+    """Age of a sample, see :class:`ArrivalClock`."""
+    a = arrivals[0]
+    difference_s = now_s - stamp_s
+    if a.floor < math.inf:
+        a.floor += a.rate * max(0.0, now_s - a.last)
+    _watch_silence(a, now_s, difference_s, stamp_s)
+    a.last = now_s
+    repeated = stamp_s == a.stamp
+    _watch_stamp(a, difference_s, stamp_s)
+    a.far = a.far + int(not repeated) if difference_s - a.floor > _ANEW_S else 0
+    if a.far >= _ANEW_SAMPLES:
+        _begin_anew(a, difference_s)
+    a.floor = min(a.floor, difference_s)
+    return float(a.least + difference_s - a.floor)
 
 
 class ArrivalClock:
@@ -35,61 +105,22 @@ class ArrivalClock:
         rate: By how much the clocks may run apart, 1 (1e-4 is 0.1 ms in a second).
 
     Attributes:
-        set_back: How often the other clock was taken anew.
+        records: (1,) :data:`ARRIVAL`.
     """
 
     def __init__(self, least_s: float, rate: float = 1e-4) -> None:
-        self.least_s = as_positive("least_s", least_s, zero=True)
-        self._rate = as_positive("rate", rate, zero=True)
-        self._floor = math.inf
-        self._last = 0.0
-        self._far = self._fallen = 0
-        self._stamp = -math.inf
-        self._new_floor = math.inf
-        self._later_s = math.inf
-        self._steady_s = 0.0
-        self.set_back = 0
+        self.records = records(ARRIVAL)
+        self._now: Any = attributes(self.records)
+        self._now.least = as_positive("least_s", least_s, zero=True)
+        self._now.rate = as_positive("rate", rate, zero=True)
+        self._now.floor = self._now.new_floor = self._now.later = math.inf
+        self._now.stamp = -math.inf
+
+    @property
+    def set_back(self) -> int:
+        """Number of times that the other clock was taken anew."""
+        return int(self._now.set_back)
 
     def age(self, now_s: float, stamp_s: float) -> float:
         """Age of a sample. Returns seconds from its measurement to ``now_s``, at least ``least_s``."""
-        difference_s = now_s - stamp_s
-        if self._floor < math.inf:
-            self._floor += self._rate * max(0.0, now_s - self._last)
-        self._watch_silence(now_s, difference_s, stamp_s)
-        self._last = now_s
-        repeated = stamp_s == self._stamp
-        self._watch_stamp(difference_s, stamp_s)
-        self._far = self._far + (not repeated) if difference_s - self._floor > _ANEW_S else 0
-        if self._far >= _ANEW_SAMPLES:
-            self._begin_anew(difference_s)
-        self._floor = min(self._floor, difference_s)
-        return self.least_s + difference_s - self._floor
-
-    def _watch_stamp(self, difference_s: float, stamp_s: float) -> None:
-        """Stamps that have fallen, and what follows: the new time, or the old one again."""
-        if stamp_s < self._stamp:
-            self._fallen, self._new_floor = 1, difference_s
-        elif self._fallen and difference_s < 0.5 * (self._floor + self._new_floor):
-            self._fallen = 0
-        elif self._fallen and stamp_s > self._stamp:
-            self._fallen, self._new_floor = self._fallen + 1, min(self._new_floor, difference_s)
-        self._stamp = stamp_s
-        if self._fallen >= _FALLEN_SAMPLES:
-            self._begin_anew(self._new_floor)
-
-    def _watch_silence(self, now_s: float, difference_s: float, stamp_s: float) -> None:
-        """Samples that are all later by the same since the source was silent: its clock was set back meanwhile."""
-        silent = min(now_s - self._last, stamp_s - self._stamp)
-        if self._floor < math.inf and silent > _SILENT_S and difference_s - self._floor > _LATER_S:
-            self._later_s, self._steady_s = difference_s, now_s
-        elif difference_s < 0.5 * (self._floor + self._later_s):
-            self._later_s = math.inf
-        elif difference_s < self._later_s - 0.5 * _LATER_S:
-            self._later_s, self._steady_s = difference_s, now_s
-        if self._later_s < math.inf and now_s - self._steady_s > _STEADY_S:
-            self._begin_anew(self._later_s)
-
-    def _begin_anew(self, floor: float) -> None:
-        self._floor, self._far, self._fallen = floor, 0, 0
-        self._later_s = math.inf
-        self.set_back += 1
+        return age(self.records, now_s, stamp_s)

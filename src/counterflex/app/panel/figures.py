@@ -14,7 +14,7 @@ from counterflex.core.records import Records
 from counterflex.core.units import DEG, MM, MS, NS, UM
 from counterflex.files.logs.run_log import trouble_message
 from counterflex.protocols.processes.control_array import Kept, Tally
-from counterflex.protocols.session.publisher import LOST, NO_PANEL, THERE
+from counterflex.protocols.session.snapshot_kernel import LOST, NO_PANEL, THERE
 from counterflex.runtime.monitoring.events import Event, Slowed
 from counterflex.runtime.state.states import Cause, State
 

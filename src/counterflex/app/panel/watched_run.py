@@ -21,7 +21,7 @@ from counterflex.protocols.processes.control_array import Life, Panel, Request
 from counterflex.protocols.processes.operator_words import find
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.protocols.processes.snapshot import SnapshotReader, snapshot_path
-from counterflex.protocols.session.publisher import THERE, panel_state
+from counterflex.protocols.session.snapshot_kernel import THERE, panel_state
 
 SILENT_S: Final = 0.5
 """A loop that has shown nothing for so long: what is shown counts as old."""
@@ -129,7 +129,7 @@ class WatchedRun:
 
     def _require_alone(self, words: SharedWords) -> None:
         pid = int(words.words[Panel.PID])
-        if panel_state(words.words, self._clock_ns()) == THERE and pid != os.getpid():
+        if panel_state(int(words.words[Panel.NS]), self._clock_ns()) == THERE and pid != os.getpid():
             raise OutputError(
                 "another panel watches this run",
                 where=str(self.folder),

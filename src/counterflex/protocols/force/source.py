@@ -15,7 +15,7 @@ class ForceSource(Protocol):
     """Readings of one sensor."""
 
     w_sensor: Float
-    """(6,) N, N m, mean of the good samples since the last :meth:`drain`."""
+    """(6,) N, N m, mean of the good samples since the last :meth:`drain`; always the same array, as the next."""
     samples: Float
     """(m, 6) N, N m, the good samples of the last drain one by one."""
 

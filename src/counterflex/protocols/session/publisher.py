@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from counterflex.protocols.session.pair import PairSource
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import RecordRing
+
+_PANEL = int(Panel.NS)
 
 
 class RecordWriter:
@@ -59,27 +61,6 @@ class RecordWriter:
         cycle = loop.cycle
         if cycle % loop.state_cycles == 0:
             ring.states.put(cycle, received, loop.memory)
-
-
-PANEL_SILENT_S: Final = 1.0
-"""A panel that has said nothing for so long counts as lost; it says 20 times a second that it lives."""
-_SILENT_NS: Final = round(PANEL_SILENT_S * 1e9)
-NO_PANEL, THERE, LOST = range(3)
-"""What a snapshot says of the panel."""
-_PANEL: Final = int(Panel.NS)
-
-
-def panel_state(control: Any, now_ns: int) -> int:
-    """State of the panel: none has come or it has left, it lives, or it has fallen silent.
-
-    Args:
-        control: Shared, see :mod:`counterflex.protocols.processes.control_array`.
-        now_ns: Monotonic.
-    """
-    spoken = int(control[_PANEL])
-    if spoken == 0:
-        return NO_PANEL
-    return THERE if now_ns - spoken <= _SILENT_NS else LOST
 
 
 class Publisher:
@@ -128,7 +109,7 @@ class Publisher:
             elapsed,
             self._counters.sender,
             trouble,
-            panel_state(control, now_ns),
+            own.panel_state(int(control[_PANEL]), now_ns),
         )
         own.fill(
             self._records,

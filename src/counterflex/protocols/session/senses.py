@@ -2,47 +2,38 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float
-from counterflex.core.units import MS, NS
+from counterflex.core.entry_calls import address_of
+from counterflex.core.records import attributes, records
 from counterflex.geometry import pose
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
-from counterflex.protocols.session.spikes import SpikeGate
+from counterflex.protocols.session import senses_kernel as own
+from counterflex.protocols.session.spikes import GATE
 from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.tool_change import ToolChange
-from counterflex.protocols.tracker.kernel import tool_pose
 from counterflex.protocols.tracker.link import TrackerLink
+from counterflex.runtime.cycle import take_fast
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility.axis_check import AxisCheck
 from counterflex.runtime.sensing.motor_torque import MotorTorque
 from counterflex.runtime.sensing.pair_wrench import PairWrench
-from counterflex.runtime.sensing.sensor_wrench import SensorWrench
+from counterflex.runtime.sensing.sensor_wrench import ARRAYS as WRENCH_ARRAYS, SensorWrench, sensor_wrench
 from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 from counterflex.runtime.sensing.strain_wrench import StrainWrench
 from counterflex.runtime.settings import ForceMode, TrackerMode
-from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.runtime.step.place import FAULT_LOST
+from counterflex.runtime.state.supervisor import State
 from counterflex.signals.arrival import ArrivalClock
 
-_FORGET_CYCLES = 10_000
 _READY = int(State.READY)
-_SATURATED, _OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
-_TRACKER_LOST, _FORCE_STALE = int(Cause.TRACKER_LOST), int(Cause.FORCE_STALE)
-_SCATTERED, _STOPPED = int(Cause.TELEGRAMS_SCATTERED), int(Cause.TELEGRAMS_STOPPED)
-_LONGEST_PAUSE: Final = 4
-"""Longest usual pause of a force sensor, cycles: 100 Hz leaves out 2 at 4 ms."""
-_PAUSE_KEPT: Final = 0.995
-"""Share of the longest pause that is kept from reading to reading: what was longer once is forgotten in a second."""
-_ROUNDED: Final = 0.2
-"""Pause that is none any more."""
 
 
 ProcessWrench: TypeAlias = SensorWrench | StrainWrench | PairWrench
@@ -76,9 +67,10 @@ class Senses:
         clock_ns: Monotonic clock.
 
     Attributes:
-        force_age: Cycles since the last good reading of the force sensor.
-        tracker_age: The same of the tracker.
-        current_age: The same of the motor currents.
+        records: (1,) :data:`counterflex.protocols.session.senses_kernel.SENSES`; ``now`` are the same numbers, read and
+            written faster.
+        needs_tracker: The correction needs the tracker.
+        tracker_stale: Cycles without a pose from which on it is lost.
         since: Cycles of the robot since the inertia of the spindle was last taken out.
     """
 
@@ -86,107 +78,127 @@ class Senses:
         self, sensing: Sensing, link: RobotLink, loop: Loop, tare: Tare, settle_cycles: int, clock_ns: Callable[[], int]
     ) -> None:
         force, tracker, currents = sensing.force, sensing.tracker, sensing.currents
-        T_part_tracker, T_target_tcp = sensing.T_part_tracker, sensing.T_target_tcp
         self._link, self._loop, self._force, self._tracker, self._tare = link, loop, force, tracker, tare
         self._wrench, self._inertia, self._motors = sensing.wrench, sensing.inertia, currents
         self._settle, self._clock_ns = settle_cycles, clock_ns
-        self._given = loop.quick_given
+        self._given, self._result = loop.quick_given, loop.quick_result
         self._torque: Float = loop.given.torque
         self._q: Float = loop.given.q
         self._w: Float = loop.given.wrench
         self._nominal: Float = loop.given.nominal
-        self._actual: Float = loop.given.actual
         self._in_effect: Float = loop.step_state.in_effect[:3]
         self._stand: Float = np.zeros(12)
-        self._T_part_tracker = np.eye(4) if T_part_tracker is None else np.ascontiguousarray(T_part_tracker)
-        self._T_target_tcp = np.eye(4) if T_target_tcp is None else np.ascontiguousarray(T_target_tcp)
         fused = loop.settings.force == ForceMode.FUSED
-        self._needs_force = loop.settings.force in (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE)
-        self._needs_force |= fused and force is not None
-        self._needs_tracker = loop.settings.tracker != TrackerMode.NONE or (fused and tracker is not None)
-        self._sources = int(Source.FORCE) * (force is not None) | int(Source.TRACKER) * (tracker is not None)
-        self._sources |= int(Source.CURRENTS) * (currents is not None)
+        needs_force = loop.settings.force in (ForceMode.MEASURED, ForceMode.PILOT, ForceMode.SCALE)
+        self.needs_tracker = loop.settings.tracker != TrackerMode.NONE or (fused and tracker is not None)
+        sources = int(Source.FORCE) * (force is not None) | int(Source.TRACKER) * (tracker is not None)
+        sources |= int(Source.CURRENTS) * (currents is not None)
         self._arrival = ArrivalClock(loop.settings.delays.tracker_s)
         stale_s = loop.settings.fusion.tracker_stale_s if fused else 0.0
-        self._tracker_stale = max(loop.settings.stale_cycles, round(stale_s / loop.settings.period_s))
-        self.force_age = self.tracker_age = self.current_age = _FORGET_CYCLES
+        self.tracker_stale = max(loop.settings.stale_cycles, round(stale_s / loop.settings.period_s))
+        self._gate = records(GATE)
+        self._gate_now: Any = attributes(self._gate)
+        self._cleaned: Float = self._gate[0].w
+        self.records = records(own.SENSES)
+        self.now: Any = attributes(self.records)
+        self._begin(needs_force=needs_force or (fused and force is not None), sources=sources)
+        self._rows = self._table(sensing)
+        # What else than a flange sensor makes the wrench, or goes on with it, is called between two kernels.
+        self._at_once = isinstance(self._wrench, SensorWrench) and self._inertia is None
         self.since = 0
-        self._spikes, self._pause = SpikeGate(), 0.0
         self._time_zero_ns = clock_ns()
+
+    def _begin(self, *, needs_force: bool, sources: int) -> None:
+        now = self.now
+        now.force_age = now.tracker_age = now.current_age = own.FORGET_CYCLES
+        now.needs_force, now.has_force = int(needs_force), int(self._force is not None)
+        now.sources = sources
+        now.take_fast, now.wrench = address_of(take_fast), address_of(sensor_wrench)
+
+    def _table(self, sensing: Sensing) -> ArrayTable:
+        """Arrays of the kernels."""
+        loop, force, tracker, wrench = self._loop, sensing.force, sensing.tracker, sensing.wrench
+        loops, loop_rows = loop.rows
+        T_part_tracker, T_target_tcp = (
+            np.eye(4) if T is None else np.ascontiguousarray(T) for T in (sensing.T_part_tracker, sensing.T_target_tcp)
+        )
+        return ArrayTable(
+            own.ARRAYS,
+            senses=self.records,
+            gate=self._gate,
+            loop=loops,
+            loop_table=loop_rows,
+            wrench=wrench.rows if isinstance(wrench, SensorWrench) else records(WRENCH_ARRAYS),
+            zero=self._tare.zero,
+            samples=np.zeros((0, 6)) if force is None else force.samples,
+            w_sensor=np.zeros(6) if force is None else force.w_sensor,
+            w_part=wrench.w_part if isinstance(wrench, SensorWrench) else np.zeros(6),
+            arrival=self._arrival.records,
+            T_part_tracker=T_part_tracker,
+            T_tracker_target=np.eye(4) if tracker is None else tracker.T_tracker_target,
+            T_target_tcp=T_target_tcp,
+        )
 
     @property
     def spikes(self) -> int:
         """Spikes of the force sensor that were left out."""
-        return self._spikes.count
+        return int(self._gate_now.count)
 
     @property
     def set_back(self) -> int:
         """Number of times that the tracker's clock was set back."""
         return self._arrival.set_back
 
-    def fill_ages(self) -> None:
-        """Write into the inputs of the step which sensors there are, and how old their readings are."""
-        given = self._given
-        given.force_age = self._overdue if self._needs_force or self._force is None else 0
-        given.tracker_age, given.current_age = self.tracker_age, self.current_age
-        given.sources = self._sources
-
-    def read_force(self, soft: int, good_telegrams: int) -> int:
-        """Drain the force sensor into the wrench of the step.
+    def read_force(self, good_telegrams: int) -> None:
+        """Drain the force sensor into the wrench of the step; a cause of a hold is written.
 
         Args:
-            soft: Cause of a hold that is known already, or 0.
             good_telegrams: In a row; the sensor's zero is taken once there are enough.
-
-        Returns:
-            Cause of a hold, or 0.
         """
-        if self._force is None or self._wrench is None:
-            return soft
-        force = self._force
-        good = force.drain()
-        if force.first >= 0:
-            self._loop.take(force.samples, force.good, force.first)
-        if force.saturated or force.frozen or good == 0:
-            self.force_age += 1  # where there is a plan, the step goes on by it for a while, then holds
-            return soft or (_SATURATED if force.saturated else 0)
-        self._learn_pause()
-        w_sensor = self._spikes.cleaned(force.w_sensor, force.samples, good)
-        if w_sensor is None:  # the last one goes on
-            self.force_age = 0
-            return soft
-        age = (self._clock_ns() - self._time_zero_ns) * 1e-9
-        w = self._wrench(self._q, w_sensor, age)
-        if self._wrench.doubt:
-            self.force_age += 1
-            return soft or self._wrench.doubt
-        self.force_age = 0
-        soft = self._watch_zero(w, soft, good_telegrams)
-        w -= self._tare.zero
-        if self._inertia is None:
-            self._w[:] = w
-            self._loop.on_tool(self._w)
-        elif self.since > 0:
-            self._w[:] = self._without_inertia(self._inertia, w)
-        return soft
-
-    def _watch_zero(self, w: Float, soft: int, good_telegrams: int) -> int:
-        """Take the sensor's zero while the loop is idle; cause of a hold where the zero was refused, else ``soft``."""
-        tare, idle = self._tare, self._loop.quick_result.state <= _READY
-        if not tare.accepted and idle and good_telegrams > self._settle // 2:
-            tare.take(w)
-        return _OFFSET if soft == 0 and self._needs_force and tare.refusals else soft
-
-    def _learn_pause(self) -> None:
-        """Learn how many cycles a slow sensor leaves out between two readings, before the loop is armed."""
-        if self._loop.quick_result.state > _READY or self.force_age >= _FORGET_CYCLES:
+        force, tare = self._force, self._tare
+        if force is None or self._wrench is None:
             return
-        self._pause = max(float(min(self.force_age, _LONGEST_PAUSE)), _PAUSE_KEPT * self._pause)
+        good = force.drain()
+        due = not tare.accepted and self._result.state <= _READY and good_telegrams > self._settle // 2
+        if self._at_once and not due:
+            own.read_force(
+                self._rows.rows,
+                good,
+                force.good,
+                force.first,
+                force.saturated,
+                force.frozen,
+                self._age_s(),
+                tare.refusals,
+            )
+        else:
+            self._read_force_in_steps(force, self._wrench, good, due)
 
-    @property
-    def _overdue(self) -> int:
-        """Cycles by which the reading is older than those of this sensor usually get."""
-        return max(0, self.force_age - math.ceil(self._pause - _ROUNDED))
+    def _age_s(self) -> float:
+        """Time since the sensor's zero was set."""
+        return (self._clock_ns() - self._time_zero_ns) * 1e-9
+
+    def _read_force_in_steps(self, force: ForceSource, wrench: ProcessWrench, good: int, due: bool) -> None:
+        """As :func:`.senses_kernel.read_force`, with what Python computes between its steps.
+
+        Args:
+            good: Good samples of the drain.
+            due: The sensor's zero is being taken.
+        """
+        rows, now = self._rows.rows, self.now
+        kind = own.take_reading(rows, force.samples, good, force.good, force.first, force.saturated, force.frozen)
+        if kind == own.NONE:
+            return
+        w = wrench(self._q, self._cleaned if kind == own.CLEANED else force.w_sensor, self._age_s())
+        if wrench.doubt:
+            now.force_age += 1
+            now.soft = now.soft or wrench.doubt
+            return
+        if due:
+            self._tare.take(w)
+        own.use_wrench(rows, w, self._tare.refusals, self._inertia is None)
+        if self._inertia is not None and self.since > 0:
+            self._w[:] = self._without_inertia(self._inertia, w)
 
     def _without_inertia(self, inertia: SpindleInertia, w: Float) -> Float:
         """From where the motors stand: as the controller says, else as it should answer what was sent."""
@@ -198,38 +210,17 @@ class Senses:
 
     def read_tracker(self) -> int:
         """Drain the tracker into the tool's pose of the step: 1 where a new one came, else 0."""
-        self.tracker_age += 1
-        if self._tracker is None or not self._tracker.drain():
-            return 0
-        self.tracker_age = 0
-        tool_pose(self._T_part_tracker, self._tracker.T_tracker_target, self._T_target_tcp, self._actual, 0)
-        self._given.tracker_late = self._arrival.age(self._link.counter * MS, self._tracker.time_ns * NS)
-        self._given.tracker_sigma = self._tracker.sigma_m
-        return 1
+        tracker, fresh, stamp_ns, sigma_m = self._tracker, False, 0, 0.0
+        if tracker is not None and tracker.drain():
+            fresh, stamp_ns, sigma_m = True, tracker.time_ns, tracker.sigma_m
+        return own.read_pose(self._rows.rows, fresh, self._link.counter, stamp_ns, sigma_m)
 
     def read_currents(self, received: bool) -> None:
         """Turn the motor currents of a telegram into torques, where they are used."""
-        self.current_age += 1
+        self.now.current_age += 1
         if received and self._motors is not None and self._link.fill_currents(self._motors.current):
             self._motors(self._q, self._torque)
-            self.current_age = 0
-
-    def lacking(self, good_telegrams: int, cycles: int, silent_cycles: int = 0) -> int:
-        """Cause against arming: a sensor that is needed is silent, or the telegrams do not come steadily; or 0."""
-        if self._needs_tracker and self.tracker_age >= self._tracker_stale:
-            return _TRACKER_LOST
-        if self._needs_force and self._overdue >= self._loop.settings.stale_cycles:
-            return _FORCE_STALE
-        settle = self._settle
-        if silent_cycles > 0:  # none comes: nothing is scattered
-            return _STOPPED if silent_cycles >= FAULT_LOST else 0
-        return _SCATTERED if good_telegrams < settle < cycles - 2 * settle else 0
-
-    def healthy(self, good_telegrams: int) -> int:
-        """1 where telegrams and every sensor that is needed are as they must be for arming, else 0."""
-        force = not self._needs_force or (self._tare.accepted and self._overdue == 0)
-        tracker = not self._needs_tracker or self.tracker_age < self._tracker_stale
-        return int(good_telegrams >= self._settle and force and tracker)
+            self.now.current_age = 0
 
 
 def tracker_frames(T_base_part: Float, T_base_tracker: Float, T_tcp_target: Float) -> tuple[Float, Float]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
@@ -18,6 +20,11 @@ NUMBER, TIME, RECEIVED, COMPUTE, TELEGRAMS, ELAPSED, PEER, TROUBLE, PANEL, OWN =
 """Places of what a cycle hands over beside the loop's memory; the last is their number."""
 CAUSE, WORST, BEGAN, OVER, COUNT, LATCHED = range(6)
 """Places of the incident that is latched; the last is their number."""
+PANEL_SILENT_S: Final = 1.0
+"""A panel that has said nothing for so long counts as lost; it says 20 times a second that it lives."""
+NO_PANEL, THERE, LOST = range(3)
+"""What a snapshot says of the panel."""
+_SILENT_NS: Final = round(PANEL_SILENT_S * 1e9)
 _HOLD = int(State.HOLD)
 _NONE, _PROGRAM = int(Cause.NONE), int(Cause.PROGRAM)
 _TALLY, _TALLIES = int(min(shared.Tally)), len(shared.Tally)
@@ -25,6 +32,19 @@ _KEPT, _KEPTS = int(min(shared.Kept)), len(shared.Kept)
 _MAY_ARM = int(shared.Life.MAY_ARM)
 _ROBOT, _FORCE, _TRACKER = int(shared.Shown.ROBOT_NS), int(shared.Shown.FORCE_NS), int(shared.Shown.TRACKER_NS)
 _FIRST = HEAD + TEXT
+
+
+@kernel("int64(int64, int64)", entry=True)
+def panel_state(spoken_ns: int, now_ns: int) -> int:
+    """State of the panel: none has come or it has left, it lives, or it has fallen silent.
+
+    Args:
+        spoken_ns: When it last said that it lives, monotonic; 0: there is none.
+        now_ns: Monotonic.
+    """
+    if spoken_ns == 0:
+        return NO_PANEL
+    return THERE if now_ns - spoken_ns <= _SILENT_NS else LOST
 
 
 @kernel("void(int64, int64, boolean, int64, int64[::1])")

@@ -12,7 +12,7 @@ from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.core.records import Record, Records, attributes, record, records
+from counterflex.core.records import Record, Records, record
 
 LEAST_N: Final = 60.0
 """Change from one sample to the next that is never a spike: a cutter enters at full depth within some samples."""
@@ -51,8 +51,17 @@ def _takes(g: Record, x: float, y: float, z: float, most: int) -> bool:
 
 
 @kernel("int64(float64[:, ::1], int64, Gate[::1])", Gate=GATE, entry=True)
-def _clean(samples: Float, count: int, gates: Records) -> int:
-    """Samples of a cycle left out; the mean of the others is written where there are both."""
+def clean(samples: Float, count: int, gates: Records) -> int:
+    """Leave out samples of a cycle that are far off; the mean of the others is written where there are both.
+
+    Args:
+        samples: (m, 6) in time.
+        count: How many of its rows.
+        gates: (1,) :data:`GATE`; changed.
+
+    Returns:
+        Samples that were left out.
+    """
     g, used = gates[0], 0
     most = 2 if count >= _SEVERAL else 1
     g.w[:] = 0.0
@@ -65,32 +74,3 @@ def _clean(samples: Float, count: int, gates: Records) -> int:
         for k in range(6):
             g.w[k] /= used
     return count - used
-
-
-class SpikeGate:
-    """Leaves samples out that are far off."""
-
-    def __init__(self) -> None:
-        self._gates = records(GATE)
-        self._mean: Float = self._gates[0].w
-        self._quick = attributes(self._gates)
-
-    @property
-    def count(self) -> int:
-        """Spikes so far."""
-        return int(self._quick.count)
-
-    def cleaned(self, w: Float, samples: Float, count: int) -> Float | None:
-        """Mean of the samples of a cycle without spikes.
-
-        Args:
-            w: (6,) mean of all of them, N, N m.
-            samples: (m, 6) in time.
-            count: Samples of the cycle; those beyond the rows were not kept.
-
-        Returns:
-            ``w`` itself where nothing is left out, the mean of the others, or None where none remains.
-        """
-        count = min(count, len(samples))
-        left_out = _clean(samples, count, self._gates)
-        return w if left_out == 0 else None if left_out == count else self._mean

@@ -145,16 +145,39 @@ def _judge(w: Record, malformed: int, soft: int, hard: int) -> tuple[int, int]:
 
 
 @kernel("UniTuple(int64, 2)(Watch[::1], int64)", Watch=WATCH, entry=True)
-def _silent(watches: Records, malformed: int) -> tuple[int, int]:
+def silent(watches: Records, malformed: int) -> tuple[int, int]:
+    """Judge a cycle without a telegram.
+
+    Args:
+        watches: (1,) :data:`WATCH`.
+        malformed: Unreadable ones since the last good one.
+
+    Returns:
+        Causes of a hold and of a fault, or 0.
+    """
     w = watches[0]
     w.good = 0
     return _judge(w, malformed, 0, 0)
 
 
 @kernel("UniTuple(int64, 2)(Watch[::1], int64, float64, float64, int64, boolean, int64)", Watch=WATCH, entry=True)
-def _received(
+def received(
     watches: Records, elapsed: int, offset_ns: float, count: float, malformed: int, answered: bool, repeated: int
 ) -> tuple[int, int]:
+    """Judge a telegram that came.
+
+    Args:
+        watches: (1,) :data:`WATCH`.
+        elapsed: Cycles since the one before, by the controller's counter; 1 when none was lost.
+        offset_ns: This computer's monotonic clock when it was received, less the controller's counter.
+        count: The controller's count of late answers, or :data:`UNKNOWN`.
+        malformed: Unreadable ones since the last good one.
+        answered: The telegram before was answered; where the loop keeps silent on purpose, nothing is late.
+        repeated: Telegrams since the one before that could not be read and were answered all the same.
+
+    Returns:
+        Causes of a hold and of a fault, or 0.
+    """
     w, lost = watches[0], elapsed - 1
     late = lost
     soft = hard = 0
@@ -180,8 +203,15 @@ def _received(
     return _judge(w, malformed, soft, hard)
 
 
+@kernel("void(Watch)", Watch=WATCH)
+def restart(w: Record) -> None:
+    """The controller began another session: its counts mean something else."""
+    w.known = w.ahead = w.parted = w.good = w.late_in_a_row = w.unexplained = 0
+    w.count = UNKNOWN
+
+
 class TelegramWatch:
-    """Judges one session's telegrams, cycle by cycle.
+    """What is known of one session's telegrams, for :func:`silent` and :func:`received`.
 
     Args:
         period_s: Cycle of the controller.
@@ -204,51 +234,6 @@ class TelegramWatch:
     def share_late(self) -> float:
         """Share 0..1 of late cycles within the window."""
         return float(self.now.lates / WINDOW)
-
-    def restart(self) -> None:
-        """The controller began another session: its counts mean something else."""
-        w = self.now
-        w.known = w.ahead = w.parted = w.good = w.late_in_a_row = w.unexplained = 0
-        w.count = UNKNOWN
-
-    def silent(self, malformed_in_a_row: int) -> tuple[int, int]:
-        """A cycle without a telegram.
-
-        Args:
-            malformed_in_a_row: Unreadable ones since the last good one.
-
-        Returns:
-            Causes of a hold and of a fault, or 0.
-        """
-        return _silent(self.records, malformed_in_a_row)
-
-    def received(
-        self,
-        elapsed: int,
-        counter_ms: int,
-        now_ns: int,
-        late_count: int,
-        malformed_in_a_row: int,
-        *,
-        answered: bool = True,
-        repeated: int = 0,
-    ) -> tuple[int, int]:
-        """A telegram came.
-
-        Args:
-            elapsed: Cycles since the one before, by the controller's counter; 1 when none was lost.
-            counter_ms: The controller's counter.
-            now_ns: This computer's monotonic clock when it was received.
-            late_count: The controller's count of late answers, or :data:`UNKNOWN`.
-            malformed_in_a_row: Unreadable ones since the last good one.
-            answered: The telegram before was answered; where the loop keeps silent on purpose, nothing is late.
-            repeated: Telegrams since the one before that could not be read and were answered all the same.
-
-        Returns:
-            Causes of a hold and of a fault, or 0.
-        """
-        offset_ns = now_ns - counter_ms * 1_000_000
-        return _received(self.records, elapsed, offset_ns, late_count, malformed_in_a_row, answered, repeated)
 
 
 class AnotherSession:

@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
-from counterflex.core.records import Records, record
+from counterflex.core.records import Record, Records, record
 from counterflex.protocols.decimal_kernel import ByteRows
 from counterflex.protocols.sequence_kernel import ORDER, steps_on
 
@@ -43,6 +43,8 @@ RECEIVED: Final = record(
     count=float,
     first_ns=float,  # time of the first
     later_ns=float,  # sum of their times after the first
+    most=float,  # poses of which a mean is taken at most; up to 1: none is
+    pose_ns=int,  # time of the newest pose, or mean time
 )
 """What is known of a stream of datagrams."""
 
@@ -179,15 +181,22 @@ def tool_pose(T_part_tracker: Float, T_tracker_target: Float, T_target_tcp: Floa
         out[at + 9 + i] = r0 * C[0, 3] + r1 * C[1, 3] + r2 * C[2, 3] + p
 
 
-@kernel("float64(Received[::1], float64, float64[:, ::1])", Received=RECEIVED, entry=True)
-def mean_pose(received: Records, most: float, T: Float) -> float:
+@kernel("void(Received)", Received=RECEIVED)
+def begin_poses(r: Record) -> None:
+    """Forget the poses of the drain before."""
+    r.poses[:] = 0.0
+    r.count = r.first_ns = r.later_ns = 0.0
+
+
+@kernel("float64(Received[::1], float64[:, ::1])", Received=RECEIVED)
+def mean_pose(received: Records, T: Float) -> float:
     """Mean of the poses that :func:`take_poses` has summed up since its sums were set to zero.
 
     The mean of rotations a few degrees apart: columns of the mean matrix, made square to each other again.
 
     Args:
-        received: (1,) RECEIVED of :func:`take_poses`.
-        most: With more poses than these, or one, ``T`` is left as it is: they have piled up, and the newest counts.
+        received: (1,) RECEIVED of :func:`take_poses`. With more poses than ``most``, or one, ``T`` is left as it is:
+            they have piled up, and the newest counts.
         T: (4, 4) newest good pose; written.
 
     Returns:
@@ -195,7 +204,7 @@ def mean_pose(received: Records, most: float, T: Float) -> float:
     """
     r = received[0]
     count, total = r.count, r.poses
-    if count < 2.0 or count > most:
+    if count < 2.0 or count > r.most:
         return -1.0
     for k in range(3):
         T[k, 3] = total[k, 3] / count

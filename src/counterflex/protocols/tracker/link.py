@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from counterflex.core.array_table import ArrayTable
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.records import Record, records
+from counterflex.core.records import Record, attributes, records
 from counterflex.core.units import MM
 from counterflex.protocols.system.datagrams import DatagramLink, Inbox, batches, listening
 from counterflex.protocols.tracker import kernel as reading
@@ -46,18 +48,14 @@ class TrackerLink(DatagramLink):
     ) -> None:
         if mean_of < 1:
             raise InputError("number of poses of which the mean is taken", value=mean_of, limit=">= 1")
-        self._most = float(mean_of)
         self.address = host, port
         if inbox is None:
             inbox, self.address = listening(host, port)
         super().__init__(inbox, records(reading.RECEIVED), peers)
         r: Record = self._received[0]
-        r.status = BEAM_BROKEN
-        self._status: Int = self._received["status"]
-        self._time: Int = self._received["time_ns"]
-        self._values: Float = r.values
+        r.status, r.most = BEAM_BROKEN, float(mean_of)
+        self._now: Any = attributes(self._received)
         self._spare: Float = np.zeros((4, 4))
-        self._mean_ns = -1
         self.T_tracker_target: Float = np.eye(4)
         self._table = ArrayTable(
             ARRAYS,
@@ -71,35 +69,30 @@ class TrackerLink(DatagramLink):
     def drain(self) -> bool:
         """Take every datagram that is there; returns whether a new good pose is among them."""
         inbox = self._inbox
-        if self._most > 1.0:
-            for name in ("poses", "count", "first_ns", "later_ns"):
-                self._received[name] = 0.0
-        fresh = drain_poses(inbox.fd, self._table.rows) if inbox.many else self._drain_singly()
-        if fresh and self._most > 1.0:
-            after = reading.mean_pose(self._received, self._most, self.T_tracker_target)
-            self._mean_ns = -1 if after < 0.0 else int(self._received["first_ns"][0] + after)
-        return fresh
+        return drain_poses(inbox.fd, not inbox.many and self._one_by_one(), self._table.rows)
 
-    def _drain_singly(self) -> bool:
-        inbox, fresh = self._inbox, False
+    def _one_by_one(self) -> bool:
+        inbox, received, fresh = self._inbox, self._received, False
+        for name in ("poses", "count", "first_ns", "later_ns"):
+            received[name] = 0.0
         for count in batches(inbox):
             fresh |= reading.take_poses(
                 inbox.data, inbox.lengths, inbox.hosts, count, self._allowed,
-                self.T_tracker_target, self._spare, self._received,
+                self.T_tracker_target, self._spare, received,
             )  # fmt: skip
-        return bool(fresh and not self.status & reading.UNUSABLE)
+        return bool(fresh)
 
     @property
     def time_ns(self) -> int:
         """Time of the newest good pose, or mean time of the mean, by the clock of the source."""
-        return int(self._time[0]) if self._mean_ns < 0 else self._mean_ns
+        return int(self._now.pose_ns)
 
     @property
     def sigma_m(self) -> float:
         """Standard deviation that the source states for it; 0 where it does not."""
-        return float(self._values[7]) * MM
+        return float(self._now.values[7]) * MM
 
     @property
     def status(self) -> int:
         """Its status bits, or those of a broken beam that came after it."""
-        return int(self._status[0])
+        return int(self._now.status)

@@ -13,18 +13,12 @@ from counterflex.geometry import pose
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.runtime.plausibility import axis_check_kernel as ak
 from counterflex.runtime.plausibility.limits import AxisTolerance
-from counterflex.runtime.state.states import Cause
 
 ABSENT: Final = ak.ABSENT
 EXACT: Final = ak.EXACT
 ABOUT: Final = ak.ABOUT
 _TRAIL_S: Final = 0.4
 """Longest that a measured pose may trail the commanded one."""
-_CAUSES: Final = {
-    ak.AGREE: 0,
-    ak.DISAGREE: int(Cause.AXIS_ANGLES),
-    ak.OFFSET_TOO_LARGE: int(Cause.FRAME_OFFSET),
-}
 
 
 class AxisCheck:
@@ -40,6 +34,9 @@ class AxisCheck:
         tolerance: See :class:`AxisTolerance`.
         T_base_tcp: (4, 4) tool frame of a spindle that stands, where the robot holds the part: the chain ends in the
             part frame then, and ``T_base_part`` is not looked at. None: the robot holds the tool.
+
+    Attributes:
+        table: Arrays of :func:`.axis_check_kernel.angles_agree`, for a kernel that calls it.
     """
 
     def __init__(
@@ -63,7 +60,7 @@ class AxisCheck:
         c.limit_m, c.limit_rad = chosen.position_m, chosen.rotation_rad
         c.offset_limit_m, c.offset_limit_rad = chosen.offset_m, chosen.offset_rad
         self._check: Record = c
-        self._table = ArrayTable(
+        self.table = ArrayTable(
             ak.ARRAYS,
             stations=compact.stations,
             surroundings=compact.surroundings,
@@ -100,10 +97,7 @@ class AxisCheck:
             Cause of a hold, or 0.
         """
         reported, reported_is = (commanded, ABSENT) if measured is None else (measured, measured_is)
-        verdict = ak.angles_agree(
-            self._table.rows, q, correction, commanded, reported, commanded_is, reported_is, learn
-        )
-        return _CAUSES[verdict]
+        return ak.angles_agree(self.table.rows, q, correction, commanded, reported, commanded_is, reported_is, learn)
 
     @property
     def offset(self) -> Float:

@@ -19,6 +19,7 @@ from counterflex.core.records import Record, Records, record
 from counterflex.robot.elasticity.kernels.records import REGION, STATION, SURROUNDINGS, Compact
 from counterflex.robot.elasticity.kernels.scalar import chain_pass, joint_trig
 from counterflex.runtime.primitives.frames import all_finite, pose_deviation
+from counterflex.runtime.state.states import Cause
 
 CHECK: Final = record(
     T_part_base=(float, 12),  # robot base in the part frame, rotation by rows and position
@@ -62,8 +63,8 @@ ABOUT: Final = 2
 """One is commanded, the other measured: they differ by what the robot trails."""
 
 AGREE: Final = 0
-DISAGREE: Final = 1
-OFFSET_TOO_LARGE: Final = 2
+DISAGREE: Final = int(Cause.AXIS_ANGLES)
+OFFSET_TOO_LARGE: Final = int(Cause.FRAME_OFFSET)
 
 _LEARN = 0.1
 _STANDS_M = 0.1e-3
@@ -226,8 +227,8 @@ def angles_agree(
         learn: 1: nothing is corrected and the loop is not armed: the offset is learnt.
 
     Returns:
-        AGREE, DISAGREE, or OFFSET_TOO_LARGE: while it is learnt the offset is beyond its limit. What is not finite is
-        not judged.
+        Cause of a hold: AGREE is 0, DISAGREE, or OFFSET_TOO_LARGE: while it is learnt the offset is beyond its limit.
+        What is not finite is not judged.
     """
     table = tables[0]
     c = carray(to_pointer(table.checks.place), (1,), CHECK)[0]

@@ -48,8 +48,3 @@ def next_cause(settings: Record, soft: int, cause: int) -> int:
     if cause != 0 and (soft == 0 or can_yield(settings, soft)):
         return cause
     return soft
-
-
-def yielding(settings: Record) -> frozenset[int]:
-    """Return 0 and the causes that yield to a later one, for callers that are no kernels."""
-    return frozenset(int(cause) for cause in Cause if cause == Cause.NONE or can_yield(settings, int(cause)))

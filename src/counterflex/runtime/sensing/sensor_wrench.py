@@ -226,6 +226,11 @@ class SensorWrench:
         return self.w_part
 
     @property
+    def rows(self) -> Records:
+        """(1,) ARRAYS of :func:`sensor_wrench`, for a kernel that calls it."""
+        return self._table.rows
+
+    @property
     def R_base_sensor(self) -> Float:
         """(3, 3) of the last sample."""
         out: Float = self._carried.R_base_sensor.reshape(3, 3).copy()
