@@ -15,7 +15,16 @@ from hypothesis import given, strategies as st
 
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.summary import FORMAT, VERSION as SUMMARY_VERSION
-from counterflex.files.summary_file import AXIS, KIND, LAYOUT, VERSION, read_run, read_summary, write_run, write_summary
+from counterflex.files.summary_file import (
+    AXIS,
+    KIND,
+    LAYOUT,
+    RUN_VERSION,
+    read_run,
+    read_summary,
+    write_run,
+    write_summary,
+)
 from counterflex.path.toolpath import Run
 
 COLUMNS = LAYOUT + AXIS
@@ -39,7 +48,7 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, n: int, seed: int)
     run = a_run(n, seed)
     write_run(path, run, {"seed": seed})
     again, about = read_run(path)
-    assert about == {"format": KIND, "version": VERSION, "seed": seed}
+    assert about == {"format": KIND, "version": RUN_VERSION, "seed": seed}
     for field in dataclasses.fields(Run):
         one, two = getattr(run, field.name), getattr(again, field.name)
         assert one.dtype == two.dtype
@@ -74,7 +83,7 @@ def test_units_are_those_of_the_column_names(tmp_path: Path) -> None:
     np.testing.assert_allclose(table["time_s"].to_numpy(), run.time_s, rtol=1e-13)
 
 
-@pytest.mark.parametrize("version", [VERSION + 1, None, "1", True, 0])
+@pytest.mark.parametrize("version", [RUN_VERSION + 1, None, "1", True, 0])
 def test_versions_that_are_refused(tmp_path: Path, version: Any) -> None:
     path = tmp_path / "run.parquet"
     write_run(path, a_run(2, 1), {})

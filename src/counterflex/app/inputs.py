@@ -143,7 +143,7 @@ def with_only_tool(program: Program, cell: Cell) -> Program:
     return replace(program, motions=motions, tool_taken=number)
 
 
-AS_IT_IS: Final = Reading()
+AS_IT_IS: Final[Reading] = Reading()
 """A whole program that says all by itself."""
 
 

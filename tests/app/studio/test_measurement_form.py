@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -155,7 +156,7 @@ def test_a_rotation_is_read_in_the_convention_that_is_chosen(tmp_path: Path) -> 
 
 
 def test_choices_stand_side_by_side_with_their_gain(tmp_path: Path) -> None:
-    summaries = {
+    summaries: dict[str, dict[str, Any]] = {
         "posture": {"present": {"deflection_um": 900.0, "expected_um": [1000.0, 500.0, 2000.0]},
                     "chosen": {"deflection_um": 600.0, "expected_um": [750.0, 400.0, 1500.0]}},
         "strategy": {"job": "plan strategy", "before": None, "choices": []},

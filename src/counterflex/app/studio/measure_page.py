@@ -302,20 +302,20 @@ class MeasurePage:
         try:
             while self._again and (manifest := self._manifest) is not None and not self._desk.queue.closed:
                 self._again, form = False, self._form
-                found = await asyncio.to_thread(check_readings, self._recipe.value, manifest, self._desk.cell_file)
+                check = await asyncio.to_thread(check_readings, self._recipe.value, manifest, self._desk.cell_file)
                 if form is self._form and not self._again:
                     with self._view.client:
-                        self._show_check(found)
+                        self._show_check(check)
         finally:
             self._checking = False
 
-    def _show_check(self, found: ReadingCheck) -> None:
+    def _show_check(self, check: ReadingCheck) -> None:
         form = self._form
         if form is None:
             return
         if self._source.value == "typed":
             remarks = [
-                Remark("odd", found.at_line[k + 2]) if k + 2 in found.at_line and one.state == "done" else one
+                Remark("odd", check.at_line[k + 2]) if k + 2 in check.at_line and one.state == "done" else one
                 for k, one in enumerate(self._remarks)
             ]
             self._table.mark(remarks)
@@ -324,10 +324,10 @@ class MeasurePage:
         else:
             if self._mapping.file is None:
                 return
-            lines = ", ".join(str(line) for line in sorted(found.at_line)[:20])
+            lines = ", ".join(str(line) for line in sorted(check.at_line)[:20])
             text = texts.ROWS_READ.format(count=self._mapping.file.count, name=self._mapping.file.path.name)
             text += texts.LINES_ODD.format(lines=lines) if lines else ""
-        odd = len(found.at_line)
+        odd = len(check.at_line)
         self._checked.set_text(f"{text} {found.fault or texts.JUDGED.format(count=odd)}")
 
     async def _show_source(self) -> None:

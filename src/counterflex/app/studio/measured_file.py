@@ -123,10 +123,10 @@ class MeasuredFile:
             own = CHANNELS[channel]
             names = column_names(channel, own, own.allowed[-1])
             for k, name in enumerate(names):
-                found = next((one for one in free if _alike(one, name, channel, own, k)), None)
-                if found is not None:
-                    free.remove(found)
-                    mapped.columns[k] = found
+                match = next((one for one in free if _alike(one, name, channel, own, k)), None)
+                if match is not None:
+                    free.remove(match)
+                    mapped.columns[k] = match
             if not any(mapped.columns):
                 as_planned = [planned_for(name, channel, planned) for name in names]
                 mapped.columns = [_PLANNED + one if one else "" for one in as_planned]

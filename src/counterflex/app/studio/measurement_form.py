@@ -271,14 +271,14 @@ def check_readings(recipe: str, manifest: Path, cell: Path) -> ReadingCheck:
     try:
         task = prepare(recipe, [manifest], cell)
         # Predicting the same readings spares the fits of the folds: their error says nothing, and is not shown.
-        found = task.recipe.identify(model_of(task.cell), task.data, task.data, task.settings)
+        estimate = task.recipe.identify(model_of(task.cell), task.data, task.data, task.settings)
     except (FileFormatError, InputError, ModelError) as fault:
         return _refused(fault)
     except (ArithmeticError, np.linalg.LinAlgError) as fault:  # too few readings for the algebra
         return ReadingCheck(fault=str(fault))
-    place = task.place_of(found)
+    place = task.place_of(estimate)
     at_line = {}
-    for fit in found.fits.values():
+    for fit in estimate.fits.values():
         for one in fit.outliers:
             match = _LINE.search(place(one.block, one.row))
             if match is not None:

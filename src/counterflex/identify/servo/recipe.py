@@ -74,8 +74,8 @@ def identify(inputs: Inputs) -> Identification:
 
 
 def _not_held_out(holdout: Sequence[Dataset]) -> list[str]:
-    told = "only load steps are held out here; a lag is judged on stretches of its own record"
-    return [f"{d.name}: {told}" for d in holdout if d.kind != "servo_steps"]
+    reason = "only load steps are held out here; a lag is judged on stretches of its own record"
+    return [f"{d.name}: {reason}" for d in holdout if d.kind != "servo_steps"]
 
 
 @dataclass
