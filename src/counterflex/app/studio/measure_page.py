@@ -328,7 +328,7 @@ class MeasurePage:
             text = texts.ROWS_READ.format(count=self._mapping.file.count, name=self._mapping.file.path.name)
             text += texts.LINES_ODD.format(lines=lines) if lines else ""
         odd = len(check.at_line)
-        self._checked.set_text(f"{text} {found.fault or texts.JUDGED.format(count=odd)}")
+        self._checked.set_text(f"{text} {check.fault or texts.JUDGED.format(count=odd)}")
 
     async def _show_source(self) -> None:
         typed = self._source.value == "typed"
