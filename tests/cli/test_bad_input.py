@@ -52,7 +52,11 @@ PROGRAMS: dict[str, tuple[str | bytes, list[str]]] = {
         HEAD + "G1 Z17 F3000\nG1 X10 F1" + TAIL,
         ["bad.ngc:8", "mean chip", "0.001 to 1 mm", "allow_ext"],
     ),
-    "chips too thick": (HEAD + "G1 Z17 F3000\nG1 X10 F600000" + TAIL, ["bad.ngc:8", "mean chip", "0.001 to 1 mm"]),
+    # So slow a spindle that the controller, which has to speed up first, makes such chips
+    "chips too thick": (
+        HEAD + "G1 Z19.9 F3000\nS20 G1 X10 F600000" + TAIL,
+        ["bad.ngc:8", "mean chip", "0.001 to 1 mm"],
+    ),
     "correction beyond bound": (
         HEAD + "G1 Z-8 F3000\nG1 X20 F3000" + TAIL,
         ["bad.ngc:8", "beyond its bound", "expected <= 3 mm (limits.correction_mm)"],

@@ -47,6 +47,8 @@ OWN: Final = {
     "protocols/system/realtime.py": "the system of this computer",
     "robot/model/catalog.py": "comes with the package",
     "robot/model/class_prior.py": "comes with the package",
+    "app/add_ins.py": "comes with the package",
+    "integrations/freecad/counterflex_post.py": "runs in FreeCAD, on what it and counterflex have just written",
 }
 """Modules that read by themselves, with the reason."""
 

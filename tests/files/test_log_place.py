@@ -11,7 +11,8 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from counterflex.files.logs.run_log import GONE, LOOKED_S, RunLogWriter, trouble_message
+from counterflex.files.logs.place import GONE, LOOKED_S, trouble_message
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.logs.segments import read_log
 from counterflex.runtime.record_ring import WIDTH
 

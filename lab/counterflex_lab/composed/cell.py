@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MS
 from counterflex.files.cell.online import OnlineTable
-from counterflex.files.logs.run_log import trouble_message
+from counterflex.files.logs.place import trouble_message
 from counterflex.protocols.session.senses import Sensing
 from counterflex.protocols.session.session import OnlineSession, SessionChecks
 from counterflex.protocols.tracker.link import TrackerLink

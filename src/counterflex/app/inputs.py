@@ -47,7 +47,7 @@ _PER_MINUTE: Final = 94  # G94: F in units per minute
 _COARSE_M: Final = 1.0 * MM
 STEP_M = 0.25 * MM
 """Longest step of a sampled path: a fraction of the distance over which the engagement changes."""
-_STEP_S = 10.0 * MS
+STEP_S = 10.0 * MS
 """Longest time of its steps, half of that over which corrections are shaped: where an axis turns at the end of a slow
 plunge, the correction is another within hundredths of a second."""
 
@@ -162,7 +162,7 @@ def read_job(
 
 
 def read_in_plane(
-    file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_m: float = STEP_M, may_move: bool = False
+    file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_s: float = STEP_S, may_move: bool = False
 ) -> tuple[Cell, Job]:
     """Read a program once, for :func:`in_working_plane` and :func:`read_job`; their results, and their errors."""
     cell.require_milling()
@@ -170,27 +170,29 @@ def read_in_plane(
     held = held_as_programmed(program, _in_plane_of(program, cell))
     if held is not cell and isinstance(program, RobotProgram):  # it is read against the frames of the cell
         program = reading.program(file, held)
-    return held, _job_of(program, file, held, step_m, may_move)
+    return held, _job_of(program, file, held, STEP_M, may_move, step_s)
 
 
-def _job_of(program: Program, file: str | Path, cell: Cell, step_m: float, may_move: bool) -> Job:
+def _job_of(
+    program: Program, file: str | Path, cell: Cell, step_m: float, may_move: bool, step_s: float = STEP_S
+) -> Job:
     """The job of a program that was read."""
     if len(program.motions) == 0:
         what = "the program moves nothing"
         if isinstance(program, RobotProgram):
             what += " along a path: it has no Cartesian target, places by axes alone are none"
         raise ProgramError(what, where=str(file))
-    job = _turned_job(program, cell, step_m) if turns(program) else _job(program, cell, step_m)
+    job = (_turned_job if turns(program) else _job)(program, cell, step_m, step_s)
     job._check_tool_rotation(cell)
     if not may_move:
         refuse_moves(job.places, str(file))
     return job
 
 
-def _job(program: Program, cell: Cell, step_m: float) -> Job:
+def _job(program: Program, cell: Cell, step_m: float, step_s: float) -> Job:
     """The job of a program whose tool stays along z."""
     rapid_m_s = cell.tables.controller.rapid_m_s
-    bare = tool_path(program, step_m=step_m, step_s=_STEP_S, rapid_speed_m_s=rapid_m_s)
+    bare = tool_path(program, step_m=step_m, step_s=step_s, rapid_speed_m_s=rapid_m_s)
     changes = changes_along(program, _start_known(program, bare), cell)
     places = places_along(changes, cell)
     bare = bare if places is None else with_places(bare, changes, places, rapid_m_s)
@@ -203,12 +205,12 @@ def _job(program: Program, cell: Cell, step_m: float) -> Job:
     )  # fmt: skip
 
 
-def _turned_job(program: Program, cell: Cell, step_m: float) -> Job:
+def _turned_job(program: Program, cell: Cell, step_m: float, step_s: float) -> Job:
     """The job of a program that turns the tool; its path is given in the working plane of the cell."""
     program = fitted(program, machine_of(cell))
     words = RotaryWords.of(program, machine_of(cell))
     rapid_m_s = cell.tables.controller.rapid_m_s
-    turned = turned_path(program, words, step_m=step_m, step_s=_STEP_S, rapid_speed_m_s=rapid_m_s)
+    turned = turned_path(program, words, step_m=step_m, step_s=step_s, rapid_speed_m_s=rapid_m_s)
     R_part_plane = np.eye(3) if cell.R_part_plane is None else cell.R_part_plane
     changes = changes_along(program, turned_by(turned.path, R_part_plane.T), cell)
     places = places_along(changes, cell)

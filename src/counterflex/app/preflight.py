@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -193,7 +194,8 @@ def check(
             the cell is a row of the table, not an error.
     """
     begin, parts = time.perf_counter(), in_parts(progress, {READING: 1.0, CHECKING: 9.0})
-    cell, job = read_in_plane(program, cell, reading=reading, may_move=True)
+    # Its depth of cut is volume over length: shorter steps than the cells of the stock would make that grainy
+    cell, job = read_in_plane(program, cell, reading=reading, step_s=math.inf, may_move=True)
     parts[READING](1.0)
     tables, stock = cell.tables, cell.stock()
     result = preflight(

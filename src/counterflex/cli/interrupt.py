@@ -15,7 +15,8 @@ from typing import Any, Final, NoReturn
 _AGAIN_S: Final = 0.05
 _SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _STARTER: Final = "COUNTERFLEX_ENDS_WITH_STDIN"
-_PATIENCE_S: Final = 10.0  # Time that an interrupted command has to keep what it can after its starter has died
+_PATIENCE_S: Final = 10.0
+"""Time that an interrupted command has to keep what it can after its starter has died."""
 _received: list[int] = []
 _written: list[str] = []
 _worse: list[int] = []

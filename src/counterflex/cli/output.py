@@ -9,10 +9,10 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Annotated, Any, Final, TextIO
+from typing import Annotated, Any, Final
 
 from counterflex.cli.arguments import address, option
+from counterflex.cli.printed import below, everything_is_text
 from counterflex.core.errors import InputError, Interrupted
 from counterflex.core.meter import Meter, duration
 from counterflex.core.output_place import is_printed
@@ -54,48 +54,6 @@ def expected_text(row: Mapping[str, Any]) -> str:
         return "not counted"
     median, low, high = row["expected_um"]
     return f"{median:.0f} ({low:.0f} to {high:.0f})"
-
-
-class Printed:
-    """A stream that shows control characters instead of passing them on; all else is that of the stream below."""
-
-    def __init__(self, below: TextIO) -> None:
-        self.below = below  # The stream itself, for what draws tables and progress bars: it has escaped names before
-
-    def write(self, text: str) -> int:
-        """Write a text."""
-        self.below.write(printable(text))
-        return len(text)
-
-    def writelines(self, lines: Any) -> None:
-        """Write several texts."""
-        for line in lines:
-            self.write(line)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.below, name)
-
-
-@contextlib.contextmanager
-def everything_is_text() -> Iterator[None]:
-    """Let standard output and standard error show control characters while the block runs."""
-    before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = Printed(before[0]), Printed(before[1])
-    try:
-        yield
-    finally:
-        sys.stdout, sys.stderr = before
-
-
-def print_fault(kind: type[BaseException], fault: BaseException, trace: TracebackType | None) -> None:
-    """Print the traceback of a fault of the program as text, as the hook of the interpreter."""
-    with everything_is_text():
-        sys.__excepthook__(kind, fault, trace)
-
-
-def below(stream: TextIO) -> TextIO:
-    """Return the stream itself."""
-    return stream.below if isinstance(stream, Printed) else stream
 
 
 def print_json(data: Any) -> None:

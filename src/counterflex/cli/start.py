@@ -10,13 +10,14 @@ from collections.abc import Sequence
 from typing import Final
 
 from counterflex.cli import interrupt
-from counterflex.cli.commands.operate import operator
+from counterflex.cli.commands.operate import requests
 from counterflex.cli.interrupt import end, interruptible
-from counterflex.cli.output import everything_is_text, print_fault
+from counterflex.cli.printed import everything_is_text, print_fault
 from counterflex.core.errors import CounterflexError, Interrupted
 from counterflex.core.system_fault import system_fault
 
-_INTERRUPTED: Final = 130  # Status that the command parser gives an interrupted command
+_INTERRUPTED: Final = 130
+"""Status that the command parser gives an interrupted command."""
 
 
 def run() -> None:
@@ -72,7 +73,7 @@ def _done(words: Sequence[str]) -> object:
 
         print(sentence(__version__))
         return 0
-    status = operator.quick(words)
+    status = requests.quick(words)
     return _parsed(words) if status is None else status
 
 

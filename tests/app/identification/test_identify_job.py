@@ -344,7 +344,7 @@ def test_a_proposal_is_written_and_read_back_with_a_form_to_fill(tmp_path: Path)
     assert header == "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,fx_n"
     form = tmp_path / "p" / "springs.toml"
     assert tomllib.loads(form.read_text())["settings"] == {"payload_kg": 5.0}
-    with pytest.raises(FileFormatError, match=r"springs\.csv:2: column 'w_tcp_base_fx_n'"):
+    with pytest.raises(FileFormatError, match=r"springs\.csv:2: column 'f_tcp_base_fy_n'"):
         read_dataset(form)
     lines = (tmp_path / "p" / "springs.csv").read_text().splitlines()
     filled = [",".join(cell or "1" for cell in line.split(",")) for line in lines]

@@ -12,7 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.records import Records
 from counterflex.core.units import DEG, MM, MS, NS, UM
-from counterflex.files.logs.run_log import trouble_message
+from counterflex.files.logs.place import trouble_message
 from counterflex.protocols.processes.control_array import Kept, Tally
 from counterflex.protocols.session.snapshot_kernel import LOST, NO_PANEL, THERE
 from counterflex.runtime.monitoring.events import Event, Slowed

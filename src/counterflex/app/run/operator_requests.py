@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.core.errors import InputError, OutputError
-from counterflex.files.logs.run_log import trouble_message
+from counterflex.files.logs.place import trouble_message
 from counterflex.files.machine_file import machine_file
 from counterflex.protocols.processes.actions import note_command
 from counterflex.protocols.processes.control_array import Kept, Life, Request, Shown, Tally

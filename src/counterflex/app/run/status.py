@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import NS
 from counterflex.evaluate.process_record import ProcessEvent, ProcessRecord
-from counterflex.files.logs.run_log import trouble_message
+from counterflex.files.logs.place import trouble_message
 from counterflex.protocols.processes.control_array import Kept, Life, Shown, Tally
 from counterflex.protocols.session.comparison import compared
 from counterflex.protocols.session.tracker_off import offset_message, tracker_off

@@ -24,6 +24,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError
 from counterflex.core.held import boot_id, own
 from counterflex.evaluate.run_digest import DigestMaker
+from counterflex.files.logs.place import LOOKED_S, LogBefore, LogGone, LogPlace
 from counterflex.files.logs.segment import (
     KIND,
     VERSION,
@@ -35,84 +36,6 @@ from counterflex.files.logs.segment import (
     begin_segment,
 )
 from counterflex.runtime.state_slots import LoopState
-
-GONE: Final = -1
-"""In place of the number of a system's error."""
-_REMOVED_TEXT: Final = "its folder or file was removed, moved or replaced"
-LOOKED_S: Final = 0.5
-"""How often it is looked for."""
-_NOT_THERE: Final = (errno.ENOENT, errno.ENOTDIR, errno.ESTALE)
-
-
-class LogGone(OSError):
-    """The file of the log is not where it was begun."""
-
-    def __init__(self) -> None:
-        super().__init__(GONE, _REMOVED_TEXT)
-
-
-class LogPlace:
-    """The file of a log, and the folder it was begun in."""
-
-    def __init__(self, path: Path, handle: int) -> None:
-        self.path, self._file = path, os.fstat(handle)
-        self._folder = path.parent.stat()
-        self._handle = handle
-
-    def check(self) -> None:
-        """Look whether file and folder are those that were begun.
-
-        Raises:
-            LogGone: The file has no name any more, its folder was removed or replaced, its path leads to another file
-                or to another device.
-        """
-        try:
-            file, folder = self.path.stat(), self.path.parent.stat()
-        except OSError as fault:
-            if fault.errno in _NOT_THERE:
-                raise LogGone from fault
-            raise
-        same = os.path.samestat(file, self._file) and os.path.samestat(folder, self._folder)
-        if not same or os.fstat(self._handle).st_nlink == 0:
-            raise LogGone
-
-
-class LogBefore:
-    """The files of a log that are not written to any more."""
-
-    def __init__(self) -> None:
-        self._files: list[tuple[Path, int]] = []
-
-    def add(self, path: Path, records: int) -> None:
-        """Take a closed file with the number of records that were written to it."""
-        if records:
-            self._files.append((path, records))
-
-    def gone(self) -> int:
-        """Records of the files that are no longer where they were written; each file is told once.
-
-        A file of which the system cannot say at the moment whether it is there is taken to be there.
-        """
-        there = [one for one in self._files if _may_be_there(one[0])]
-        lost = sum(records for _, records in self._files) - sum(records for _, records in there)
-        self._files = there
-        return lost
-
-
-def _may_be_there(path: Path) -> bool:
-    try:
-        path.stat()
-    except OSError as fault:
-        return fault.errno not in _NOT_THERE
-    return True
-
-
-def trouble_message(number: int) -> str:
-    """Return what the number of a trouble means: of the system's error, or :data:`GONE`; empty for 0."""
-    if number == 0:
-        return ""
-    return _REMOVED_TEXT if number == GONE else os.strerror(number)
-
 
 FLUSH_S: Final = 0.06
 """With the recorder's own period less than 100 ms of records are lost with it."""
@@ -137,7 +60,7 @@ class RunLogWriter:
     Attributes:
         lost: Records that could not be written, or whose file was removed while the run went on.
         trouble: Why writing does not work at the moment, or empty.
-        trouble_number: Of the system's error, or :data:`counterflex.files.logs.run_log.GONE`; 0: it works.
+        trouble_number: Of the system's error, or :data:`counterflex.files.logs.place.GONE`; 0: it works.
         first: Number of the run's first segment.
 
     Raises:
