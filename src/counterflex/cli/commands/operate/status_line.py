@@ -7,7 +7,7 @@ from typing import Final
 
 import typer
 
-from counterflex.app.run.process_events import shown_event
+from counterflex.app.run.incidents import shown_event
 from counterflex.app.run.status import Status
 from counterflex.protocols.session.comparison import answer_line, comparison_lines, frame_line
 from counterflex.protocols.session.session import SessionChecks
