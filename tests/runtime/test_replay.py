@@ -27,6 +27,7 @@ from counterflex.runtime.estimator.fusion import FusionTuning
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.events import Event
+from counterflex.runtime.plausibility.axis_check import EXACT
 from counterflex.runtime.record_ring import COLUMNS, WIDTH, RecordRing
 from counterflex.runtime.replay import Gap, Replay
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
@@ -65,6 +66,7 @@ class _Robot:
         self.counters = Counters()
         self.x = 0.0
         self.waited = 1
+        self.commanded_is = self.measured_is = EXACT
         self.held = False
         self.sent: list[Float] = []
 
