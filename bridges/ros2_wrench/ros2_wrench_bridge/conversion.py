@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import math
 import struct
 from typing import Any
@@ -15,7 +16,7 @@ FROM_UNIT = 1e-3
 NS_PER_S = 1_000_000_000
 
 
-class Converter:
+class Converter(abc.ABC):
     """Numbers the datagrams of one topic.
 
     Args:
@@ -55,9 +56,9 @@ class Converter:
         self.sent += 1
         return form.pack(magic, self.sent & 0xFFFFFFFF, time_ns, status, self._source, *numbers)
 
+    @abc.abstractmethod
     def _values(self, message: Any) -> tuple[struct.Struct, bytes, int, list[float]] | None:
         """Form, magic, status and numbers of the datagram; None of a message that says nothing."""
-        raise NotImplementedError
 
 
 class Wrenches(Converter):

@@ -169,3 +169,17 @@ def test_choices_stand_side_by_side_with_their_gain(tmp_path: Path) -> None:
     gains = {one.folder: one.gain_percent for one in choices(Project(tmp_path), "a.ngc")}
     assert gains == {"posture": pytest.approx(25.0), "krl": pytest.approx(90.0)}
     assert choices(Project(tmp_path), "b.ngc") == []
+
+
+def test_a_choice_that_is_counted_on_one_side_alone_compares_the_model(tmp_path: Path) -> None:
+    """A median over what is not known stands beside no model figure."""
+    (tmp_path / "posture").mkdir()
+    rows = {
+        "present": {"deflection_um": 900.0, "expected_um": None},
+        "chosen": {"deflection_um": 600.0, "expected_um": [750.0, 400.0, 1500.0]},
+    }
+    (tmp_path / "posture" / "summary.json").write_text(json.dumps({"program": "a.ngc", **rows}), encoding="utf-8")
+    (one,) = choices(Project(tmp_path), "a.ngc")
+    assert (one.now_mm, one.then_mm) == ([pytest.approx(0.9)] * 3, [pytest.approx(0.6)] * 3)
+    assert one.of.endswith("model without its unknowns")
+    assert one.row()[2:4] == ["0.900", "0.600"]

@@ -45,7 +45,7 @@ def job(diameter_mm: float) -> list[Any]:
 
 def test_a_job_comes_back_in_the_language_of_the_robot(export: Callable[..., str], tmp_path: Path) -> None:
     out = tmp_path / "part.src"
-    arguments = f"--no-show-editor --cell={CELL} --as=krl --assume-class --no-predict --no-report --without-preflight"
+    arguments = f"--no-show-editor --cell {CELL} --as krl --assume-class --no-predict --no-report --without-preflight"
     text = export(job(16.0), str(out), arguments)
     assert out.read_text(encoding="utf-8") == text
     assert "DEF part(" in text
@@ -66,6 +66,7 @@ def test_a_tool_of_another_diameter_than_in_the_cell_stops_the_job(export: Calla
     [
         ("--as=krl", "names no cell file"),
         (f"--cell={CELL} --as=cobol --without-preflight", "cannot be compensated(.|\n)*cobol"),
+        (r"--cell=C:\cells\arm.toml --without-preflight", r"C:\\cells\\arm\.toml"),
         (f"--cell={CELL} --unknown=1 --without-preflight", "cannot be compensated(.|\n)*--unknown"),
     ],
 )

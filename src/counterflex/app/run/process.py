@@ -270,7 +270,7 @@ def _at_rest(session: OnlineSession) -> bool:
 SILENT_S: Final = 60.0
 """A process that has not said for so long that it lives does not come up; importing all it needs takes 2 to 10 s."""
 READY_S: Final = 600.0
-"""How long one that lives may take: the first start compiles, for a minute or two."""
+"""Longest time of one that lives: the first start compiles, for a minute or two."""
 _POLL_S: Final = 0.1
 _HINT: Final = (
     "Nothing was sent to the robot. Look whether the machine stands still (a full memory, a disk or network drive that"

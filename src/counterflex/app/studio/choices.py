@@ -27,7 +27,7 @@ class ProcessChoice:
 
     @property
     def gain_percent(self) -> float | None:
-        """How much less the median is."""
+        """Share by which the median is smaller; None where the error of now is not known."""
         if self.now_mm is None or self.now_mm[0] <= 0.0:
             return None
         return 100.0 * (1.0 - self.then_mm[0] / self.now_mm[0])
@@ -55,17 +55,17 @@ def _posture(folder: str, summary: dict[str, Any]) -> ProcessChoice | None:
     if chosen is None:
         return None
     takes = texts.TURNED.format(branch=chosen.get("branch", ""), turn=chosen.get("rotation_about_tool_deg", 0.0))
-    now = None if present is None else _mm(_error(present))
-    return ProcessChoice(folder, folder, texts.OF_DEFLECTION, now, _mm(_error(chosen)), takes, f"{folder}/cell.toml")
+    of, now, then = _errors(texts.OF_DEFLECTION, present, chosen)
+    return ProcessChoice(folder, folder, of, now, then, takes, f"{folder}/cell.toml")
 
 
 def _strategy(folder: str, summary: dict[str, Any]) -> ProcessChoice | None:
     """Best way to finish the wall."""
     if not summary["choices"]:
         return None
-    best, before = summary["choices"][0], summary["before"]
-    now = None if before is None else _mm(_error(before))
-    return ProcessChoice(folder, folder, texts.OF_WALL, now, _mm(_error(best)), texts.CUT.format(**best))
+    best = summary["choices"][0]
+    of, now, then = _errors(texts.OF_WALL, summary["before"], best)
+    return ProcessChoice(folder, folder, of, now, then, texts.CUT.format(**best))
 
 
 def _compensated(folder: str, summary: dict[str, Any]) -> ProcessChoice | None:
@@ -81,13 +81,17 @@ def _compensated(folder: str, summary: dict[str, Any]) -> ProcessChoice | None:
 _READ: Final = {"choice": _posture, "plan strategy": _strategy, "compensate": _compensated}
 
 
-def _error(row: dict[str, Any]) -> list[float]:
-    """Error of a row, um: median and range where its knowledge has one."""
-    return list(row.get("expected_um") or [row["deflection_um"]] * 3)
+def _errors(
+    of: str, now: dict[str, Any] | None, then: dict[str, Any]
+) -> tuple[str, Sequence[float] | None, Sequence[float]]:
+    """Quantity, and errors before and after, mm: medians and ranges.
 
-
-def _mm(values_um: Sequence[float]) -> list[float]:
-    return [_MM * value for value in values_um]
+    Where one of them was not counted with what is not known, both are those of the model alone; the quantity says so.
+    """
+    rows = [then] if now is None else [now, then]
+    counted = all(row.get("expected_um") for row in rows)
+    values = [[v * _MM for v in (row["expected_um"] if counted else [row["deflection_um"]] * 3)] for row in rows]
+    return of if counted else texts.OF_MODEL.format(of=of), None if now is None else values[0], values[-1]
 
 
 def _text(values_mm: Sequence[float]) -> str:

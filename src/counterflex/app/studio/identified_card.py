@@ -67,7 +67,7 @@ def _parameter(row: dict[str, Any]) -> list[str]:
 
 
 async def _show_next(desk: Workbench, fault: FaultBanner, cell: str, choose: Choose) -> None:
-    """What is still not known of the new cell, by its cost, each with its own guide."""
+    """Show the unknowns of the new cell by their cost, each with its own guide."""
     answer = await fault.during(check_cell, str(desk.project.folder / cell))
     if answer is None or answer["unknowns"] is None:
         return

@@ -65,7 +65,7 @@ def _titled(form: MeasurementForm, place: int) -> str:
 
 
 class MeasurePage:
-    """What to measure for a recipe, the readings, and what comes of them."""
+    """Proposal of a recipe, its readings, and its result."""
 
     def __init__(self, desk: Workbench) -> None:
         self._desk = desk
@@ -240,7 +240,7 @@ class MeasurePage:
         await self._judge()
 
     def _show_how(self, folder: Path) -> None:
-        """What the proposal says about measuring, and what it is good for."""
+        """Show what the proposal says about measuring, and what it is good for."""
         proposal = read_proposal(folder / PROPOSAL)
         self._how.clear()
         with self._how:

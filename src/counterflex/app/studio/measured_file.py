@@ -174,7 +174,7 @@ def _proposed(folder: Path) -> list[str]:
 
 
 def _sniffed(path: Path) -> tuple[FileTable, TextTable]:
-    """How a file is written: of all readings the one with the most columns of numbers."""
+    """Form of a file: of all readings the one with the most columns of numbers."""
     best: tuple[int, FileTable, TextTable] | None = None
     refused: CounterflexError | None = None
     for line in _HEADER_LINES:
@@ -210,7 +210,7 @@ def _numbers(table: TextTable, begin: int, end: int) -> int:
 
 
 def _alike(header: str, name: str, channel: str, kind: ChannelKind, component: int) -> bool:
-    """Whether a header names a number of a channel."""
+    """Return whether a header names a number of a channel."""
     bare = re.sub(r"[^a-z0-9]", "", _UNIT.sub("", header.lower()))
     if header == name or bare == re.sub(r"[^a-z0-9]", "", _UNIT.sub("", name.lower())):
         return True

@@ -130,7 +130,7 @@ class MeasurementForm:
         return out
 
     def remarks(self) -> list[Remark]:
-        """What is to be said about each row by the numbers alone."""
+        """Remarks on each row by the numbers alone."""
         used = self.used()
         places = [self.columns.index(one) for one in used]
         odd = self._odd(used)

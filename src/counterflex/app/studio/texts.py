@@ -168,6 +168,7 @@ CHOICES_HELP: Final = (
 )
 CHOICE_COLUMNS: Final = ("choice", "of", "now, mm", "then, mm", "less", "with", "")
 OF_DEFLECTION, OF_WALL, OF_PATH = "deflection", "error normal to the wall", "path error, compensated"
+OF_MODEL: Final = "{of}, model without its unknowns"
 TURNED: Final = "{branch}, turned to {turn:.0f} deg"
 CUT: Final = "{milling}-milling, ae {ae_mm:g} mm, ap {ap_mm:g} mm, fz {fz_mm:g} mm, {spindle_rpm:.0f} rpm"
 TAKES_S: Final = "{seconds:.0f} s"

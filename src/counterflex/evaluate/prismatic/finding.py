@@ -144,7 +144,7 @@ _ORDER: Final = (
     (True, "slot", False),
     (False, "rib", False),
 )
-"""Whether walls face each other, name, and whether two pairs are needed: what is closed is looked for first."""
+"""Do walls face each other; name; are two pairs needed? What is closed is looked for first."""
 
 
 @dataclass(frozen=True)

@@ -50,8 +50,8 @@ def export(objectslist: list[Any], filename: str, argstring: str) -> str:
         source = Path(made, "job.ngc" if target is None else target.stem + ".ngc")
         source.write_text(_gcode(objectslist), encoding="utf-8")
         cell = ["--cell", options.cell]
+        language = ["--as", options.language] if options.language else []
         if not options.without_preflight:
-            language = [word for word in others if word.startswith("--as=")]
             checks = Path(made, "preflight")
             words = [*call, "preflight", str(source), *cell, *language, "--out", str(checks)]
             _run(words, "does not pass the check before the cut")
@@ -59,7 +59,7 @@ def export(objectslist: list[Any], filename: str, argstring: str) -> str:
         out = Path(made, "out") if target is None else target.with_name(target.stem + "-counterflex")
         if options.results:
             out = Path(options.results)
-        _run([*call, "compensate", str(source), *cell, "--out", str(out), *others], "cannot be compensated")
+        _run([*call, "compensate", str(source), *cell, *language, "--out", str(out), *others], "cannot be compensated")
         return _taken(out, target)
 
 
@@ -75,9 +75,12 @@ def _arguments(argstring: str) -> tuple[argparse.Namespace, list[str]]:
     reader = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     for name in ("--cell", "--results", "--counterflex"):
         reader.add_argument(name)
+    reader.add_argument("--as", dest="language")
     reader.add_argument("--without-preflight", action="store_true")
+    words = shlex.shlex(argstring, posix=True, punctuation_chars=False)
+    words.whitespace_split, words.escape, words.commenters = True, "", ""  # the backslash parts folders on Windows
     # FreeCAD adds this word of its own posts to the arguments of every job
-    options, others = reader.parse_known_args([word for word in shlex.split(argstring) if word != "--no-show-editor"])
+    options, others = reader.parse_known_args([word for word in words if word != "--no-show-editor"])
     if options.cell is None:
         raise RuntimeError("counterflex: the job names no cell file. Write --cell=CELL.toml into its arguments")
     return options, others

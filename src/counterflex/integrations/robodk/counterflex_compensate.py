@@ -46,7 +46,8 @@ def _compensated(station: Any, program: Any) -> Path:
             raise RuntimeError(f"counterflex: RoboDK could not make the program '{name}':\n{log}")
         source = str(_main_file(Path(made), name))
         _run(["preflight", source, *cell], f"the program '{name}' does not pass the check before the cut")
-        arguments = shlex.split(station.getParam("COUNTERFLEX_ARGUMENTS") or "")
+        arguments = shlex.shlex(station.getParam("COUNTERFLEX_ARGUMENTS") or "", posix=True)
+        arguments.whitespace_split, arguments.escape, arguments.commenters = True, "", ""  # a backslash parts folders
         _run(
             ["compensate", source, *cell, "--out", str(out), *arguments], f"the program '{name}' cannot be compensated"
         )
