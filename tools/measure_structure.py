@@ -41,8 +41,8 @@ _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kerne
 _COMMENTS = "whole-line comments in 1000 lines of code in `{}`"
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
-    "modules": 1155,
-    "lines": 219_678,
+    "modules": 1156,
+    "lines": 219_699,
     _BIG: 7,
     _WIDE: 5,
     _PATHS: 0,
@@ -52,7 +52,7 @@ CEILINGS = {
     "circles": 0,
     "dataclasses that only carry data": 332,
     "class names used twice or more": 4,
-    "import lines": 14_922,
+    "import lines": 14_929,
     "module docstrings that begin with What, How, Which": 0,
     "words in hand-written docs": 89_757,
     "links of docs/index.md": 25,

@@ -36,7 +36,7 @@ def test_a_robot_that_is_not_in_the_catalogue_writes_nothing(tmp_path: Path) -> 
 
 
 def test_the_list_of_robots_loads_neither_planner_nor_compiler() -> None:
-    script = "import sys, counterflex.app.questions as r; r.robots(); print([m for m in sys.modules])"
+    script = "import sys, counterflex.app.robot_list as r; r.robots(); print([m for m in sys.modules])"
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     loaded = set(ast.literal_eval(ended.stdout))
     assert "counterflex.robot.model.catalog" in loaded

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from counterflex.cli.output import everything_is_text, print_table, progress_bar
+from counterflex.cli.output import print_table, progress_bar
+from counterflex.cli.printed import everything_is_text
 from counterflex.core.printable import printable
 
 ESCAPES = "cell\x1b]0;TITLE\x07\x1b[2J\x1b[31mRED\x9b32m\u202egnp.exe"

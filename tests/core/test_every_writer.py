@@ -34,6 +34,7 @@ FILES = {
     "core/moving.py": "the mechanism",
     "core/output_place.py": "the mechanism",
     "core/compiled.py": "a lock beside compiled kernels, in the user's cache",
+    "integrations/freecad/counterflex_post.py": "runs in FreeCAD: the job in a temporary folder, copies of a program",
     "files/logs/run_log.py": "new names in a folder, segment by segment",
     "files/logs/repair.py": "keeps the original under a new name",
     "protocols/processes/instance_lock.py": "a lock, in the user's cache",

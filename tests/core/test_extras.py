@@ -89,8 +89,11 @@ def test_without_any_extra_all_but_the_servers_can_be_imported() -> None:
     """In a process in which no library of an extra can be imported."""
     script = WITHOUT.format(names=list(PLACES))
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    servers = ("opcua.bounded", "opcua.server", "panel.gated_server", "panel.page", "panel.server")
-    pages = ("cell_page", "desk", "inspect_page", "plan_page", "program_page", "server", "shell")
+    servers = ("opcua.bounded", "opcua.nodes", "opcua.server", "panel.gated_server", "panel.page", "panel.server")
+    pages = (
+        *("cell_page", "desk", "file_mapping", "identified_card", "inspect_page", "measure_page", "plan_page"),
+        *("program_page", "server", "shell"),
+    )
     assert set(ended.stdout.split()) == {
         f"counterflex.app.{name}" for name in (*servers, *(f"studio.{one}" for one in pages))
     }

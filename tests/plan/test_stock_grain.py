@@ -104,7 +104,7 @@ def test_the_trial_of_a_groove_is_calm_in_fine_stock_pair(
 
     fine = predicted()
     monkeypatch.setattr(stock_grain, "GRAIN_M", 1.0)
-    assert fine < 15 * UM < 40 * UM < predicted()
+    assert fine < 10 * UM < 20 * UM < predicted()
 
 
 def test_a_tool_between_its_walls_is_still_corrected(cell: Cell, groove: ToolPath) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from counterflex.app.run.end import End, ended_how
 from counterflex.app.run.operator_requests import Clock, ask
-from counterflex.cli.commands.operate import operator as requests
+from counterflex.cli.commands.operate import requests
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry.rotation import exp

@@ -11,7 +11,8 @@ import numpy as np
 from nicegui import ui
 
 from counterflex.app.panel.cell_scene import CellScene
-from counterflex.app.questions import check_cell, robots
+from counterflex.app.questions import check_cell
+from counterflex.app.robot_list import robots
 from counterflex.app.studio import texts
 from counterflex.app.studio.cell_text import TOOL_KEYS, CellValues, line_of, with_values
 from counterflex.app.studio.desk import Action, FaultBanner, SceneView, Workbench, command_text, table

@@ -97,11 +97,11 @@ class PlanPage:
 
     def _compensate_lines(self) -> list[str]:
         desk, words = self._desk, [word for word, box in self._languages.items() if box.value]
-        fast = self._feed.value is True
+        name = "{}-fast" if self._feed.value is True else "{}"
         return [
             next_command(
-                "compensate", desk.program, cell=desk.cell, out=self._out(f"{word}-fast" if fast else word), as_=word,
-                assume_class=self._assume.value is True, programmed_feed=fast,
+                "compensate", desk.program, cell=desk.cell, out=self._out(name.format(word)), as_=word,
+                assume_class=self._assume.value is True, programmed_feed=self._feed.value is True,
             )
             for word in words
         ]  # fmt: skip

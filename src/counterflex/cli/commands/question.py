@@ -33,18 +33,18 @@ def robots(
 
     Example: `counterflex robots kuka_kr300_r2500_ultra`
     """
-    from counterflex.app import questions
+    from counterflex.app import robot_list
 
     if name is not None:
-        sheet = questions.data_sheet(questions.robot_named(name))
-        rows = [row for row in questions.robots() if row["name"] == name] or [{"name": name}]
+        sheet = robot_list.data_sheet(robot_list.robot_named(name))
+        rows = [row for row in robot_list.robots() if row["name"] == name] or [{"name": name}]
         rows[0]["data_sheet"] = sheet
         if as_json:
             print_json(rows)
         else:
             _print_robot(name, rows[0], sheet)
         return
-    rows = questions.robots()
+    rows = robot_list.robots()
     if as_json:
         print_json(rows)
     else:
