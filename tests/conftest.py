@@ -1,16 +1,20 @@
 """Tests depend on no machine's speed: hypothesis sets no deadline, small matrices are not shared between threads.
 
 Tests marked ``long`` count rates over many seeds, enumerate, or repeat whole studies. ``--turn`` takes those of one
-third of the files, and of the files that the last commit has changed (:mod:`thirds`).
+third of the files, and of the files that the last commit has changed (:mod:`thirds`). Of the cases of a test marked
+``by_turn`` every third one runs at each commit, the next ones at the next; the others are long. Of a law that hypothesis
+tries, :data:`SAMPLE` examples are drawn where the long tests of its file are left out, all where they run.
 """
 
 from __future__ import annotations
 
+import functools
 import gc
 import os
 import signal
 import sys
 from collections import Counter
+from collections.abc import Generator
 from pathlib import Path, PurePath
 
 import pytest
@@ -50,7 +54,10 @@ LONGEST = (
     "app/production/test_production_job.py",
 )
 """Files that take half a minute and more: they begin first, so that none is left over when all others have ended."""
+SAMPLE = 25
+"""Examples of hypothesis of a test that states no number, of 100."""
 settings.register_profile("counterflex", deadline=None)
+settings.register_profile("sample", deadline=None, max_examples=SAMPLE)
 settings.load_profile("counterflex")
 
 # A shell that starts the suite in the background has it ignore Ctrl-C, and every process that a test starts inherits
@@ -64,15 +71,36 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--turn", action="store_true", help="of the long tests only the third of this commit")
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+@functools.cache
+def _now() -> thirds.Turn:
+    return thirds.turn()
+
+
+def pytest_collectstart(collector: pytest.Collector) -> None:
+    """Load the profile of hypothesis that the tests of a file take when they are imported."""
+    if isinstance(collector, pytest.Module):
+        option = collector.config.getoption
+        left_out = not _now().takes(collector.nodeid) if option("turn") else "not long" in option("markexpr")
+        settings.load_profile("sample" if left_out else "counterflex")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Generator[None]:
     """Put the longest files first; `make test` deals files out in this order (`--no-loadscope-reorder`)."""
+    laws: dict[str, list[pytest.Item]] = {}
+    for one in items:
+        if one.get_closest_marker("by_turn"):
+            laws.setdefault(one.nodeid.partition("[")[0], []).append(one)
+    for cases in laws.values():
+        for number, one in enumerate(cases):
+            if (number - _now().number) % min(thirds.COUNT, len(cases)):
+                one.add_marker("long")
+    yield
     root = Path(__file__).parent
     rank = {root / name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path, len(LONGEST)))
     if config.getoption("turn"):
-        now = thirds.turn()
-        taken = [not one.get_closest_marker("long") or now.takes(one.nodeid.partition("::")[0]) for one in items]
+        taken = [not one.get_closest_marker("long") or _now().takes(one.nodeid.partition("::")[0]) for one in items]
         config.hook.pytest_deselected(items=[one for one, is_taken in zip(items, taken, strict=True) if not is_taken])
         items[:] = [one for one, is_taken in zip(items, taken, strict=True) if is_taken]
 
@@ -88,7 +116,7 @@ def pytest_collection_finish() -> None:
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Print how long each test room took, all its processes together, its slowest file, and the ten slowest of all."""
     if terminalreporter.config.getoption("turn"):
-        terminalreporter.write_line(thirds.said(thirds.turn()))
+        terminalreporter.write_line(thirds.said(_now()))
     rooms: Counter[str] = Counter()
     files: dict[str, Counter[str]] = {}
     slowest: Counter[str] = Counter()

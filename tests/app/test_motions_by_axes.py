@@ -59,7 +59,11 @@ def between(*lines: str) -> Callable[[list[str]], list[str]]:
 
 
 def rows_of(program: Path, cell: Cell) -> dict[str, dict[str, Any]]:
-    return {row["check"]: row for row in checking.check(program, cell).summary["checks"]}
+    return rows_in(checking.check(program, cell))
+
+
+def rows_in(done: checking.Preflighted) -> dict[str, dict[str, Any]]:
+    return {row["check"]: row for row in done.summary["checks"]}
 
 
 def test_the_arm_swings_as_a_second_model_says(tmp_path: Path) -> None:
@@ -200,12 +204,13 @@ def test_the_stated_turn_is_reached(tmp_path: Path, language: str, negative: boo
     krl = axes_in(cell, "krl")[0]
     there = np.degrees(axes_of_maker.shown(krl.model(np.radians(apart[negative]))))
     file = program_of(tmp_path, cell, language, turned(language, there))
-    found = checking.check(file, cell).result
+    done = checking.check(file, cell)
+    found = done.result
     reached = np.degrees(axes_of_maker.shown(found.q))
     assert np.abs(reached - there).max(axis=1).min() < 1e-3
     other = np.degrees(axes_of_maker.shown(krl.model(np.radians(apart[not negative]))))
     assert np.abs(reached - other).max(axis=1).min() > 1.0
-    row = rows_of(file, cell)["motions by axes"]
+    row = rows_in(done)["motions by axes"]
     assert row["verdict"] != "warning", row
 
 

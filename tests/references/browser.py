@@ -116,9 +116,9 @@ class Page:
                 return
         raise TimeoutError(f"{name} does not get the focus")
 
-    def wait(self, expression: str, what: str = "") -> Any:
+    def wait(self, expression: str, what: str = "", patience_s: float = PATIENCE_S) -> Any:
         """Wait until an expression is true, and give its value."""
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + patience_s
         while time.monotonic() < end:
             with contextlib.suppress(RuntimeError):
                 if value := self.value(expression):
