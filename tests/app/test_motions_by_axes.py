@@ -62,7 +62,7 @@ def rows_of(program: Path, cell: Cell) -> dict[str, dict[str, Any]]:
     return rows_in(checking.check(program, cell))
 
 
-def rows_in(done: checking.Preflighted) -> dict[str, dict[str, Any]]:
+def rows_in(done: checking.Checked) -> dict[str, dict[str, Any]]:
     return {row["check"]: row for row in done.summary["checks"]}
 
 
@@ -122,6 +122,7 @@ def rest(language: str) -> Callable[[list[str]], list[str]]:
     return {"krl": krl, "rapid": rapid, "fanuc": fanuc}[language]
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("language", ENDINGS)
 def test_a_rest_posture_between_cuts_is_no_singularity(tmp_path: Path, language: str) -> None:
     """Every controller goes through it by axes; and the program is compensated, whose plan keeps it."""
@@ -192,6 +193,7 @@ def two_turns(cell: Cell) -> dict[bool, np.ndarray]:
     return {bool(axes[5] < 0): axes for axes in shown if abs(axes[3]) < 180.0}
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("negative", [True, False])
 @pytest.mark.parametrize("language", ["krl", "rapid", "fanuc"])
 def test_the_stated_turn_is_reached(tmp_path: Path, language: str, negative: bool) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-FROM_NOTHING = ("test_online_run", "test_process_start", "test_run_lost", "test_recorder_stands")
+FROM_NOTHING = ("test_process_start", "test_run_lost", "test_recorder_stands")
 """Tests of how processes start and end: each of theirs begins as one of a run does."""
 
 
