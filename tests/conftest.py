@@ -2,8 +2,8 @@
 
 Tests marked ``long`` count rates over many seeds, enumerate, or repeat whole studies. ``--turn`` takes those of one
 third of the files, and of the files that the last commit has changed (:mod:`thirds`). Of the cases of a test marked
-``by_turn`` every third one runs at each commit, the next ones at the next; the others are long. Of a law that hypothesis
-tries, :data:`SAMPLE` examples are drawn where the long tests of its file are left out, all where they run.
+``by_turn`` every third one runs at each commit, the next ones at the next; the others are long. Of the examples of
+hypothesis a share is drawn where the long tests of a file are left out, all where they run.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ import sys
 from collections import Counter
 from collections.abc import Generator
 from pathlib import Path, PurePath
+from typing import Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import is_hypothesis_test, settings
 
 sys.path.append(str(Path(__file__).parents[1] / "tools"))
 import thirds
@@ -54,10 +55,9 @@ LONGEST = (
     "app/production/test_production_job.py",
 )
 """Files that take half a minute and more: they begin first, so that none is left over when all others have ended."""
-SAMPLE = 25
-"""Examples of hypothesis of a test that states no number, of 100."""
+SHARE, FEWEST = 4, 10
+"""Of the examples of a law one of so many is drawn in a sample, and no fewer than these if it states as many."""
 settings.register_profile("counterflex", deadline=None)
-settings.register_profile("sample", deadline=None, max_examples=SAMPLE)
 settings.load_profile("counterflex")
 
 # A shell that starts the suite in the background has it ignore Ctrl-C, and every process that a test starts inherits
@@ -76,17 +76,28 @@ def _now() -> thirds.Turn:
     return thirds.turn()
 
 
-def pytest_collectstart(collector: pytest.Collector) -> None:
-    """Load the profile of hypothesis that the tests of a file take when they are imported."""
-    if isinstance(collector, pytest.Module):
-        option = collector.config.getoption
-        left_out = not _now().takes(collector.nodeid) if option("turn") else "not long" in option("markexpr")
-        settings.load_profile("sample" if left_out else "counterflex")
+def _fewer_examples(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Draw a share of the examples of hypothesis where the long tests of a file are left out."""
+    laws: dict[int, Any] = {}
+    for one in items:
+        law = getattr(one, "obj", None)
+        left_out = (
+            not _now().takes(one.nodeid.partition("::")[0])
+            if config.getoption("turn")
+            else "not long" in config.getoption("markexpr")
+        )
+        if left_out and is_hypothesis_test(law):
+            laws[id(law)] = law
+    for law in laws.values():
+        whole = law._hypothesis_internal_use_settings
+        count = max(whole.max_examples // SHARE, min(whole.max_examples, FEWEST))
+        law._hypothesis_internal_use_settings = settings(whole, max_examples=count)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Generator[None]:
     """Put the longest files first; `make test` deals files out in this order (`--no-loadscope-reorder`)."""
+    _fewer_examples(config, items)
     laws: dict[str, list[pytest.Item]] = {}
     for one in items:
         if one.get_closest_marker("by_turn"):

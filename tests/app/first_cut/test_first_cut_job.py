@@ -104,7 +104,7 @@ def test_axes_of_the_class_are_written_whether_they_bend_or_not(tmp_path: Path) 
 
 
 COARSE = ("cell_mm = 0.2", "cell_mm = 0.5")
-"""Columns of the blank: what is cut fits them with the same error in the cell that measures and in the one that learns."""
+"""Columns of the blank: the cell that measures and the one that learns cut the same ones."""
 
 
 @pytest.fixture(scope="module")
@@ -173,9 +173,7 @@ def deflections(cell: Cell, program: Path) -> np.ndarray:
     return plan.deflection_part[:, :3]
 
 
-def test_the_new_cell_bends_as_the_measured_one(
-    softer: tuple[Path, Path, Cell], coarse: Path, tmp_path: Path
-) -> None:
+def test_the_new_cell_bends_as_the_measured_one(softer: tuple[Path, Path, Cell], coarse: Path, tmp_path: Path) -> None:
     """Of what the file before is off, less than a third is left: what faces have in common is believed to 6 %."""
     program, _, truth = softer
     summary = first_cut.run(program, coarse, tmp_path / "out")
@@ -191,9 +189,7 @@ def test_the_new_cell_bends_as_the_measured_one(
     assert read_summary(tmp_path / "out" / "summary.json")["places"] == summary["places"]
 
 
-def test_bad_rows_are_refused_by_their_line(
-    softer: tuple[Path, Path, Cell], coarse: Path, tmp_path: Path
-) -> None:
+def test_bad_rows_are_refused_by_their_line(softer: tuple[Path, Path, Cell], coarse: Path, tmp_path: Path) -> None:
     program, table, _ = softer
     rows = table.read_text().splitlines()
 
