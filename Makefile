@@ -23,7 +23,7 @@ test: $(VENV)/.installed-dev  ## Install, run the tests but the long ones; with 
 	$(PYTEST) $(if $(TURN),--turn,-m "not long")
 
 long: $(VENV)/.installed-dev faults-random bench-smoke  ## What `make test` leaves out: long tests, faults at random, benchmarks.
-	$(PYTEST) -m long
+	$(PYTEST) -m "long or hypothesis"
 
 check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names, structure, licences.
 	$(BIN)/ruff check .

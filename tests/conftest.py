@@ -1,20 +1,25 @@
 """Tests depend on no machine's speed: hypothesis sets no deadline, small matrices are not shared between threads.
 
 Tests marked ``long`` count rates over many seeds, enumerate, or repeat whole studies. ``--turn`` takes those of one
-third of the files, and of the files that the last commit has changed (:mod:`thirds`).
+third of the files, and of the files that the last commit has changed (:mod:`thirds`). Of the cases of a test marked
+``by_turn`` every third one runs at each commit, the next ones at the next; the others are long. Of the examples of
+hypothesis a share is drawn where the long tests of a file are left out, all where they run.
 """
 
 from __future__ import annotations
 
+import functools
 import gc
 import os
 import signal
 import sys
 from collections import Counter
+from collections.abc import Generator
 from pathlib import Path, PurePath
+from typing import Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import is_hypothesis_test, settings
 
 sys.path.append(str(Path(__file__).parents[1] / "tools"))
 import thirds
@@ -50,6 +55,8 @@ LONGEST = (
     "app/production/test_production_job.py",
 )
 """Files that take half a minute and more: they begin first, so that none is left over when all others have ended."""
+SHARE, FEWEST = 4, 10
+"""Of the examples of a law one of so many is drawn in a sample, and no fewer than these if it states as many."""
 settings.register_profile("counterflex", deadline=None)
 settings.load_profile("counterflex")
 
@@ -64,15 +71,47 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--turn", action="store_true", help="of the long tests only the third of this commit")
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+@functools.cache
+def _now() -> thirds.Turn:
+    return thirds.turn()
+
+
+def _fewer_examples(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Draw a share of the examples of hypothesis where the long tests of a file are left out."""
+    laws: dict[int, Any] = {}
+    for one in items:
+        law = getattr(one, "obj", None)
+        left_out = (
+            not _now().takes(one.nodeid.partition("::")[0])
+            if config.getoption("turn")
+            else "not long" in config.getoption("markexpr")
+        )
+        if left_out and is_hypothesis_test(law):
+            laws[id(law)] = law
+    for law in laws.values():
+        whole = law._hypothesis_internal_use_settings
+        count = max(whole.max_examples // SHARE, min(whole.max_examples, FEWEST))
+        law._hypothesis_internal_use_settings = settings(whole, max_examples=count)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Generator[None]:
     """Put the longest files first; `make test` deals files out in this order (`--no-loadscope-reorder`)."""
+    _fewer_examples(config, items)
+    laws: dict[str, list[pytest.Item]] = {}
+    for one in items:
+        if one.get_closest_marker("by_turn"):
+            laws.setdefault(one.nodeid.partition("[")[0], []).append(one)
+    for cases in laws.values():
+        for number, one in enumerate(cases):
+            if (number - _now().number) % min(thirds.COUNT, len(cases)):
+                one.add_marker("long")
+    yield
     root = Path(__file__).parent
     rank = {root / name: place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: rank.get(item.path, len(LONGEST)))
     if config.getoption("turn"):
-        now = thirds.turn()
-        taken = [not one.get_closest_marker("long") or now.takes(one.nodeid.partition("::")[0]) for one in items]
+        taken = [not one.get_closest_marker("long") or _now().takes(one.nodeid.partition("::")[0]) for one in items]
         config.hook.pytest_deselected(items=[one for one, is_taken in zip(items, taken, strict=True) if not is_taken])
         items[:] = [one for one, is_taken in zip(items, taken, strict=True) if is_taken]
 
@@ -88,7 +127,7 @@ def pytest_collection_finish() -> None:
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Print how long each test room took, all its processes together, its slowest file, and the ten slowest of all."""
     if terminalreporter.config.getoption("turn"):
-        terminalreporter.write_line(thirds.said(thirds.turn()))
+        terminalreporter.write_line(thirds.said(_now()))
     rooms: Counter[str] = Counter()
     files: dict[str, Counter[str]] = {}
     slowest: Counter[str] = Counter()

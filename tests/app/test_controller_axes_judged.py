@@ -289,6 +289,7 @@ def test_the_work_object_of_the_controller_is_named(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("of", ["kuka", "abb", "fanuc", "staubli"])
 @pytest.mark.parametrize("maker", ["kuka", "abb", "fanuc", "staubli"])
 def test_an_arm_of_one_maker_on_the_controller_of_another_arrives(of: str, maker: str, tmp_path: Path) -> None:

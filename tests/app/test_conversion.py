@@ -167,6 +167,7 @@ def words(program: Program) -> list[tuple[tuple[str, float], ...]]:
     return [s.words for s in steps(program, lambda _: np.eye(3), to_robot=False) if isinstance(s, MachineFunction)]
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(("there", "back"), PAIRS)
 def test_there_and_back(there: str, back: str, shop: Path, tmp_path: Path) -> None:
     """The same path within 1 um and the same process words, between every two languages."""
@@ -255,6 +256,7 @@ M30
 """
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(("on", "off"), [("G43.4 H1", "G49"), ("", "")])
 @pytest.mark.parametrize("language", ["krl", "fanuc"])
 def test_rotary_words_become_orientations(language: str, on: str, off: str, tmp_path: Path) -> None:

@@ -88,6 +88,7 @@ def pose_of(table: Any) -> Matrix:
     return arms.shift(table.x_mm, table.y_mm, table.z_mm) @ arms.zyx(table.a_deg, table.b_deg, table.c_deg)
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("moves", [ALONG, STANDING])
 @pytest.mark.parametrize("language", ENDINGS)
 def test_a_rail_moves_between_operations(tmp_path: Path, language: str, moves: str) -> None:
@@ -339,6 +340,7 @@ def test_a_program_that_moves_otherwise_than_the_cell_file_is_refused(tmp_path: 
         read_job(source, read_cell(cell.path), may_move=True)
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("language", ENDINGS)
 def test_programs_that_move_axes_are_compared_without_a_cell(tmp_path: Path, language: str) -> None:
     """The correction of one is what differs; one that goes elsewhere is no version of it."""
@@ -424,6 +426,7 @@ PLACES: dict[str, tuple[Callable[[list[str]], list[str]], Callable[[list[str]], 
 }  # fmt: skip
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("language", PLACES)
 def test_rails_in_rapid_and_fanuc(tmp_path: Path, language: str) -> None:
     """A clean program that rides between its cuts, one that rides in a cut, and one beyond the travel of the rail."""

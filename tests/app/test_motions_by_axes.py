@@ -59,7 +59,11 @@ def between(*lines: str) -> Callable[[list[str]], list[str]]:
 
 
 def rows_of(program: Path, cell: Cell) -> dict[str, dict[str, Any]]:
-    return {row["check"]: row for row in checking.check(program, cell).summary["checks"]}
+    return rows_in(checking.check(program, cell))
+
+
+def rows_in(done: checking.Checked) -> dict[str, dict[str, Any]]:
+    return {row["check"]: row for row in done.summary["checks"]}
 
 
 def test_the_arm_swings_as_a_second_model_says(tmp_path: Path) -> None:
@@ -118,6 +122,7 @@ def rest(language: str) -> Callable[[list[str]], list[str]]:
     return {"krl": krl, "rapid": rapid, "fanuc": fanuc}[language]
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("language", ENDINGS)
 def test_a_rest_posture_between_cuts_is_no_singularity(tmp_path: Path, language: str) -> None:
     """Every controller goes through it by axes; and the program is compensated, whose plan keeps it."""
@@ -188,6 +193,7 @@ def two_turns(cell: Cell) -> dict[bool, np.ndarray]:
     return {bool(axes[5] < 0): axes for axes in shown if abs(axes[3]) < 180.0}
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("negative", [True, False])
 @pytest.mark.parametrize("language", ["krl", "rapid", "fanuc"])
 def test_the_stated_turn_is_reached(tmp_path: Path, language: str, negative: bool) -> None:
@@ -200,12 +206,13 @@ def test_the_stated_turn_is_reached(tmp_path: Path, language: str, negative: boo
     krl = axes_in(cell, "krl")[0]
     there = np.degrees(axes_of_maker.shown(krl.model(np.radians(apart[negative]))))
     file = program_of(tmp_path, cell, language, turned(language, there))
-    found = checking.check(file, cell).result
+    done = checking.check(file, cell)
+    found = done.result
     reached = np.degrees(axes_of_maker.shown(found.q))
     assert np.abs(reached - there).max(axis=1).min() < 1e-3
     other = np.degrees(axes_of_maker.shown(krl.model(np.radians(apart[not negative]))))
     assert np.abs(reached - other).max(axis=1).min() > 1.0
-    row = rows_of(file, cell)["motions by axes"]
+    row = rows_in(done)["motions by axes"]
     assert row["verdict"] != "warning", row
 
 

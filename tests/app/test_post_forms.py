@@ -37,6 +37,7 @@ def cell(**tool: Any) -> Cell:
     return resolve(parse(CellTables, data, where="test"), CELL)
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("name", sorted(ARC_ENDS_AT_BEND | STRAIGHT))
 def test_the_path_is_that_of_the_groove(name: str) -> None:
     job = read_job(POSTS / name, cell())
@@ -51,6 +52,7 @@ def test_the_path_is_that_of_the_groove(name: str) -> None:
     assert job.path.spindle_rad_s[cut] == pytest.approx(np.full(cut.sum(), 13000.0 * RPM))
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("name", sorted(path.name for path in POSTS.iterdir() if path.suffix in ROBOTS))
 def test_a_robot_whose_spindle_is_started_by_hand_is_planned(name: str) -> None:
     """With the speed of the cell file; without it, refused at the first cut with what to do."""

@@ -90,14 +90,26 @@ def program(tmp_path: Path) -> Callable[[str], Path]:
     return write
 
 
-def test_clean_programs_are_quiet() -> None:
-    """Twelve programs on cells that state what spindle and tools bear: no fail, at most two warnings in all."""
+def require_quiet(programs: tuple[tuple[str, str], ...]) -> None:
+    """No fail, at most two warnings in all."""
     loud: dict[tuple[str, str], str] = {}
-    for name, cell in CLEAN:
+    for name, cell in programs:
         rows = rows_of(EXAMPLES / "programs" / name, cell_of(cell))
         loud |= {(name, check): row["verdict"] for check, row in rows.items() if row["verdict"] in ("warning", "fail")}
     assert "fail" not in loud.values(), loud
     assert len(loud) <= 2, loud
+
+
+@pytest.mark.by_turn
+@pytest.mark.parametrize("first", range(3))
+def test_clean_programs_are_quiet(first: int) -> None:
+    """On cells that state what spindle and tools bear."""
+    require_quiet(CLEAN[first::3])
+
+
+@pytest.mark.long
+def test_all_clean_programs_together_are_quiet() -> None:
+    require_quiet(CLEAN)
 
 
 @pytest.mark.long

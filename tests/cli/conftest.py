@@ -17,6 +17,7 @@ from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import make_truth
 from counterflex.cli import start
 from counterflex.files.cell.cell import read_cell
+from made_once import made_once
 
 
 @dataclass(frozen=True)
@@ -142,14 +143,16 @@ class Machined:
     folder: Path
 
 
-@pytest.fixture(scope="session")
-def machined(tmp_path_factory: pytest.TempPathFactory) -> Machined:
-    """``truth.toml``, ``run`` and ``other-run`` (another truth) of the small cell and the groove."""
-    folder = tmp_path_factory.mktemp("machined")
+def _machine(folder: Path) -> None:
     (folder / "cell.toml").write_text(small_cell(), encoding="utf-8")
     (folder / "part.ngc").write_text(GROOVE, encoding="utf-8")
     cell = read_cell(folder / "cell.toml")
     for seed, truth, run in ((1, "truth.toml", "run"), (2, "truth-2.toml", "other-run")):
         make_truth(cell, seed, folder / truth)
         simulate.run(folder / "part.ngc", folder / "cell.toml", folder / truth, folder / run)
-    return Machined(folder)
+
+
+@pytest.fixture(scope="session")
+def machined(tmp_path_factory: pytest.TempPathFactory) -> Machined:
+    """``truth.toml``, ``run`` and ``other-run`` (another truth) of the small cell and the groove; read only."""
+    return Machined(made_once(tmp_path_factory, "machined", _machine))

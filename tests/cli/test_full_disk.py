@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -40,11 +41,11 @@ def contents(folder: Path) -> dict[str, bytes | None]:
 @pytest.fixture(scope="module")
 def given(machined: object, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the commands read."""
-    folder = Path(machined.folder)  # type: ignore[attr-defined]
-    if not (folder / "proposal").exists():
-        words = ["identify", "payload", "--propose", "12", "--cell", "cell.toml", "--out", "proposal"]
-        program = [sys.executable, "-c", "from counterflex.cli.start import run; run()", *words]
-        subprocess.run(program, cwd=folder, check=True, capture_output=True)
+    folder = tmp_path_factory.mktemp("given") / "work"
+    shutil.copytree(machined.folder, folder)  # type: ignore[attr-defined]
+    words = ["identify", "payload", "--propose", "12", "--cell", "cell.toml", "--out", "proposal"]
+    program = [sys.executable, "-c", "from counterflex.cli.start import run; run()", *words]
+    subprocess.run(program, cwd=folder, check=True, capture_output=True)
     return folder
 
 

@@ -31,12 +31,14 @@ def _stops_at(at: float) -> Any:
     return bar
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("fraction", [0.0, 0.05, 0.4, 0.7, 1.0])
 def test_compensate(folder: Path, refused: Any, monkeypatch: pytest.MonkeyPatch, fraction: float) -> None:
     monkeypatch.setattr("counterflex.cli.commands.program.progress_bar", _stops_at(fraction))
     assert refused("compensate", "part.ngc", "--cell", "cell.toml", "--out", "new/out", status=130) == SAID
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("fraction", [0.0, 0.15, 0.85, 1.0])
 def test_prove(folder: Path, refused: Any, monkeypatch: pytest.MonkeyPatch, fraction: float) -> None:
     monkeypatch.setattr("counterflex.cli.commands.prove.progress_bar", _stops_at(fraction))
@@ -85,6 +87,7 @@ if __name__ == "__main__":
 
 if sys.platform != "win32":  # where a terminal's Ctrl-C is a signal to a process group
 
+    @pytest.mark.by_turn
     @pytest.mark.parametrize(
         ("words", "at", "number"),
         [

@@ -13,6 +13,7 @@ import pytest
 from counterflex.core import registry
 from counterflex.cutting import material
 from counterflex.robot.model import catalog
+from made_once import made_once
 
 HERE = Path(__file__).parent
 PIP = ("-m", "pip", "--disable-pip-version-check", "--quiet", "install")
@@ -30,9 +31,11 @@ def _forget() -> None:
 @pytest.fixture(scope="session")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with the package and its metadata."""
-    folder = tmp_path_factory.mktemp("site")
-    subprocess.run([sys.executable, *PIP, *LOCAL, "--target", str(folder), str(HERE)], check=True, timeout=120)
-    return folder
+
+    def install(folder: Path) -> None:
+        subprocess.run([sys.executable, *PIP, *LOCAL, "--target", str(folder), str(HERE)], check=True, timeout=120)
+
+    return made_once(tmp_path_factory, "site", install)
 
 
 @pytest.fixture

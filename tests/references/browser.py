@@ -116,9 +116,9 @@ class Page:
                 return
         raise TimeoutError(f"{name} does not get the focus")
 
-    def wait(self, expression: str, what: str = "") -> Any:
+    def wait(self, expression: str, what: str = "", patience_s: float = PATIENCE_S) -> Any:
         """Wait until an expression is true, and give its value."""
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + patience_s
         while time.monotonic() < end:
             with contextlib.suppress(RuntimeError):
                 if value := self.value(expression):
@@ -148,9 +148,15 @@ class Page:
 
 
 class Browser:
-    """A headless Chromium with a profile of its own."""
+    """A headless Chromium with a profile of its own.
 
-    def __init__(self, width: int = 1920, height: int = 1080) -> None:
+    Args:
+        width: Of the window, px.
+        height: Of the window, px.
+        draws: In 3-D as well. Without a graphics card that takes a core per page.
+    """
+
+    def __init__(self, width: int = 1280, height: int = 800, *, draws: bool = True) -> None:
         program = chromium()
         if program is None:
             raise FileNotFoundError("no Chromium on this computer")
@@ -161,7 +167,7 @@ class Browser:
             "--disable-extensions", "--disable-background-networking", "--ignore-certificate-errors",
             f"--window-size={width},{height}", f"--user-data-dir={profile}", "--remote-debugging-port=0",
             "--remote-allow-origins=*", "--disable-background-timer-throttling", "--disable-renderer-backgrounding",
-            "--disable-backgrounding-occluded-windows",
+            "--disable-backgrounding-occluded-windows", *([] if draws else ["--disable-3d-apis"]),
         ]  # fmt: skip
         self._process = subprocess.Popen(
             [program, *options, "about:blank"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

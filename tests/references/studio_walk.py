@@ -18,6 +18,8 @@ from browser import Page
 Shot = Callable[[str], None]
 LANGUAGES = {"krl": "groove.src", "rapid": "groove.mod", "gcode": "groove.ngc"}
 """Languages of the walk, and the program that comes out."""
+_COMMAND_S = 1800.0
+"""Longest time that a command may take: a proof of 40 s took more than 180 s beside other work on two cores."""
 
 
 @contextlib.contextmanager
@@ -38,6 +40,13 @@ def click(page: Page, name: str) -> None:
     """Scroll to an element, as a person does, and click on it."""
     page.value(f"document.querySelector('[data-test=\"{name}\"]').scrollIntoView({{ block: 'center' }})")
     page.click(name)
+
+
+def made(page: Page, name: str, word: str = "") -> None:
+    """Wait until a command has made an element with a word; a command that fails ends the wait at once."""
+    shown = f"(document.querySelector('[data-test=\"{name}\"]')?.innerText ?? null)?.includes({json.dumps(word)})"
+    found = page.wait(f"document.querySelector('.st-failed') ? 'failed' : {shown} && 'made'", name, _COMMAND_S)
+    assert found == "made", page.text("commands")
 
 
 def choose(page: Page, name: str, text: str) -> None:
@@ -135,7 +144,7 @@ def measure(page: Page, shot: Shot, folder: Path) -> None:
         "page-measure", "identify tracker-frame --propose 12 --cell cell-small.toml --out measure-tracker-frame"
     )
     click(page, "propose")
-    page.wait("!!document.querySelector('[data-test=\"row-12\"]')", "the form")
+    made(page, "row-12")
     readings = [[f"{float(row[name]):.4f}" for name in READ] for row in simulated(folder)]
     enter(page, "sigma-p_tracker_target-mm", "0.02")
     enter(page, "sigma-R_tracker_target-deg", "0.003")
@@ -155,7 +164,7 @@ def measure(page: Page, shot: Shot, folder: Path) -> None:
     page.wait_text("checked", "11 of 12")
     page.wait_text("checked", "0 outliers")
     click(page, "identify")
-    page.wait("!!document.querySelector('[data-test=\"next\"]')", "what to measure next")
+    made(page, "next")  # what to measure
     assert " to " in page.text("parameters")  # intervals
     shot("identified")
     from_a_file(page, shot, folder, readings)
@@ -179,7 +188,7 @@ def from_a_file(page: Page, shot: Shot, folder: Path, readings: list[list[str]])
     shot("mapped")
     click(page, "identify")
     page.wait_text("now", "tracker-frame-file.toml")
-    page.wait_text("what", "done")
+    made(page, "what", "done")
 
 
 CHANGES = "document.querySelector('[data-test=\"stock\"]').dataset.changes"
@@ -218,7 +227,7 @@ def plan(page: Page, shot: Shot) -> None:
     page.wait_text("page-plan", "--as gcode")
     click(page, "compensate")
     for language in LANGUAGES:
-        page.wait(f"!!document.querySelector('[data-test=\"plan-groove-{language}\"]')", f"the plan in {language}")
+        made(page, f"plan-groove-{language}")
     assert "expected" in page.text("bars-groove-krl").lower()
     shot("plan")
     click(page, "go-program")
@@ -232,7 +241,7 @@ def choices(page: Page, shot: Shot) -> None:
     """Posture and compensation side by side; the posture's cell is taken, and given back."""
     click(page, "go-plan")
     click(page, "posture")
-    page.wait_text("choices", "groove-posture")
+    made(page, "choices", "groove-posture")
     assert "groove-krl" in page.text("choices")
     assert " %" in page.text("choices")
     shot("choices")
@@ -253,20 +262,20 @@ def after_the_cut(page: Page, shot: Shot, scan: Path) -> None:
     """Check, prove, inspect the scan of a part, correct the next one."""
     click(page, "go-plan")
     click(page, "check")
-    page.wait_text("counts", "0 fail")
+    made(page, "counts", "0 fail")
     shot("checked")
     click(page, "prove")
-    page.wait("!!document.querySelector('[data-test=\"proof-groove-proof\"]')", "the proof")
+    made(page, "proof-groove-proof")
     shot("proof")
     click(page, "go-inspect")
     drop(page, "drop-scan", scan)
     page.wait_text("page-inspect", "--scan groove.ply")
     click(page, "inspect")
-    page.wait_text("features", "depth")
+    made(page, "features", "depth")
     choose(page, "made-by", "groove-krl")
     page.wait_text("page-inspect", "--plan groove-krl")
     click(page, "correct")
-    page.wait("!!document.querySelector('[data-test=\"next-groove-krl-next\"]')", "the next program")
+    made(page, "next-groove-krl-next")
     page.wait_text("history", "expected of the next part")
     click(page, "accept-groove-krl-next")
     page.wait_text("page-inspect", "shows an earlier part")  # the scan is not taken for the next part

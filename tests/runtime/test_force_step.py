@@ -60,6 +60,7 @@ def _stepped(plant: Plant, step: Float, cycles: int) -> tuple[int, float]:
     return told, gone
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("way", _WAYS)
 @pytest.mark.parametrize("mode", _MODES)
 def test_a_step_of_150_n_in_the_cut_is_told_within_200_ms(mode: ForceMode, way: Float) -> None:
@@ -70,6 +71,7 @@ def test_a_step_of_150_n_in_the_cut_is_told_within_200_ms(mode: ForceMode, way: 
     assert _told(plant)
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("n", [150.0, -150.0])
 @pytest.mark.parametrize("reaction", [ForceOffset.PLAN, ForceOffset.HOLD])
 @pytest.mark.parametrize("mode", _MODES)
@@ -88,6 +90,7 @@ def test_the_correction_does_not_go_with_a_step(mode: ForceMode, reaction: Force
         assert free > 0.3 * MM
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("way", np.eye(3))
 @pytest.mark.parametrize("mode", _MODES)
 def test_a_step_of_80_n_is_told(mode: ForceMode, way: Float) -> None:

@@ -87,14 +87,17 @@ def test_turns_leave_out_long_tests_alone_and_together_nothing(tmp_path: Path) -
     (tmp_path / "tests").mkdir()
     shutil.copy(ROOT / "tests" / "conftest.py", tmp_path / "tests")
     shutil.copy(ROOT / "tools" / "thirds.py", tmp_path / "tools")
-    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = long\n", encoding="utf-8")
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n  long\n  by_turn\n", encoding="utf-8")
     text = "import pytest\n\ndef test_short(): ...\n\n@pytest.mark.long\ndef test_long(): ...\n"
+    for count in (2, 7):
+        text += f"@pytest.mark.by_turn\n@pytest.mark.parametrize('k', range({count}))\ndef test_{count}(k): ...\n"
     names = [f"tests/test_{k}.py" for k in range(12)]
     for name in names:
         (tmp_path / name).write_text(text, encoding="utf-8")
     git(tmp_path, "init", "--quiet")
     git(tmp_path, "add", "pytest.ini")
     seen: list[str] = []
+    sampled: list[set[int]] = []  # numbers of cases of the law of seven, by turn
     for k in range(thirds.COUNT):
         git(tmp_path, "commit", "--quiet", "--allow-empty", "--message", str(k))
         asked = [sys.executable, "-m", "pytest", "--collect-only", "-q", "--turn", "-p", "no:cacheprovider"]
@@ -102,4 +105,14 @@ def test_turns_leave_out_long_tests_alone_and_together_nothing(tmp_path: Path) -
         found = [line for line in said.splitlines() if "::" in line]
         assert [one for one in found if one.endswith("short")] == sorted(f"{name}::test_short" for name in names)
         seen += [one for one in found if one.endswith("long")]
+        for name in names:
+            few, many = (
+                {int(one[-2]) for one in found if one.startswith(f"{name}::test_{count}[")} for count in (2, 7)
+            )
+            if f"{name}::test_long" in found:
+                assert (few, many) == ({0, 1}, set(range(7)))
+            else:
+                assert len(few) == 1
+                sampled.append(many)
     assert sorted(seen) == sorted(f"{name}::test_long" for name in names)
+    assert {frozenset(one) for one in sampled} == {frozenset(range(k, 7, thirds.COUNT)) for k in range(thirds.COUNT)}

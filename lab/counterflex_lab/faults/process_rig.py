@@ -44,6 +44,8 @@ com_mm = [0, 0, 0]
 force = "measured"
 along_feed = true
 """
+PRELOAD: Final = ["counterflex_lab.faults.loaded_rig"]
+"""Modules of the process that those of a rig are forked from: there are hundreds, and kernels take seconds to read."""
 _POLL_S: Final = 0.02
 _SAMPLES: Final = 4
 _PATIENCE_S: Final = 10.0
@@ -117,8 +119,8 @@ class ProcessRig:
     def __init__(self, folder: Path, seed: int = 0, port: int = 0) -> None:
         self.folder, self._port = folder, port
         self.cell, self.rsi = write_files(folder)
-        self._context = multiprocessing.get_context("forkserver")  # starts hundreds of processes: imports once
-        self._context.set_forkserver_preload([__name__])
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload(PRELOAD)
         self._words = SharedWords(CONTROL)
         self.control = self._words.words
         self.ring = RecordRing()

@@ -21,7 +21,11 @@ AMPLITUDE, EXPONENT, UP, PROGRAMMED, FORCE = 0, 1, 2, 5, 6
 F in N at the descent at which a was found."""
 THRUST_SIZE: Final = 7
 _NEWTON = 8
-"""Steps of Newton's rule: the equation is concave and is approached from below, so each doubles the digits."""
+"""Steps of Newton's rule at least: the equation is concave and is approached from below, so each doubles the digits."""
+_MOST_NEWTON = 40
+"""The same at most. With exponents near zero the first steps only climb to the root, over tens of decades."""
+_SETTLED = 1e-8
+"""Share of the descent that the last step may have gone: its square is what is left."""
 _LEAST_EXPONENT = 0.02
 
 
@@ -44,11 +48,14 @@ def thrust_of_step(free_m_s: float, gain: float, amplitude: float, exponent: flo
     # Below the root: half of the free descent leaves room for half of the thrust, or the thrust alone takes half of it.
     # Whichever is less, both together stay below what there is.
     d = min(0.5 * free_m_s, (0.5 * free_m_s / (gain * amplitude)) ** (1.0 / p))
-    for _ in range(_NEWTON):
+    for k in range(_MOST_NEWTON):
         if d <= 0.0:
             break
         power = gain * amplitude * d**p
-        d -= (d + power - free_m_s) / (1.0 + p * power / d)
+        step = (d + power - free_m_s) / (1.0 + p * power / d)
+        d -= step
+        if k + 1 >= _NEWTON and abs(step) <= _SETTLED * d:
+            break
     return float((free_m_s - min(max(d, 0.0), free_m_s)) / gain)
 
 

@@ -36,6 +36,7 @@ PROGRAMS = BENCH.upright_programs(ROOT / "examples" / "programs")
 """tests/app/proof/test_tilted_cut.py has the tilted one."""
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.stem)
 def test_shipped_program(program: Path, tmp_path: Path) -> None:
     cell = read_cell(BENCH.cell_for(program, tmp_path))

@@ -103,13 +103,24 @@ def test_axes_of_the_class_are_written_whether_they_bend_or_not(tmp_path: Path) 
     assert {f"axis{k}" for k in range(1, 7)} <= named
 
 
+COARSE = ("cell_mm = 0.2", "cell_mm = 0.5")
+"""Columns of the blank: the cell that measures and the one that learns cut the same ones."""
+
+
 @pytest.fixture(scope="module")
-def softer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Cell]:
+def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The cell with a coarse blank."""
+    return cell_with(tmp_path_factory.mktemp("coarse"), COARSE)
+
+
+@pytest.fixture(scope="module")
+def softer(coarse: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Cell]:
     """Coupon, its table filled in by a cell whose spindle is softer and whose material is harder, and that cell."""
     folder = tmp_path_factory.mktemp("first")
-    first_cut.propose(CELL, folder / "coupon", tool=1, feed_mm_min=FEED_MM_MIN, rpm=RPM)
+    first_cut.propose(coarse, folder / "coupon", tool=1, feed_mm_min=FEED_MM_MIN, rpm=RPM)
     program, table = folder / "coupon" / first_cut.PROGRAM, folder / "coupon" / first_cut.TABLE
-    changes = ("ry_urad_per_knm = 14925.0", "ry_urad_per_knm = 20000.0"), ("kc11_n_mm2 = 780", "kc11_n_mm2 = 950")
+    spindle = ("ry_urad_per_knm = 14925.0", "ry_urad_per_knm = 20000.0")
+    changes = COARSE, spindle, ("kc11_n_mm2 = 780", "kc11_n_mm2 = 950")
     truth = read_cell(cell_with(folder, *changes))
     fill_in(table, program, truth)
     return program, table, truth
@@ -127,12 +138,13 @@ def fill_in(table: Path, program: Path, truth: Cell, play: tuple[Play | None, ..
     table.write_text("\n".join([rows[0], *filled, ""]))
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("factor", [0.0, 3.0])
-def test_what_axes_lose_is_found(tmp_path: Path, factor: float) -> None:
+def test_what_axes_lose_is_found(coarse: Path, tmp_path: Path, factor: float) -> None:
     """A cell of the class but for play and friction: none on all axes, or three times as much on the first."""
-    first_cut.propose(CELL, tmp_path / "coupon", tool=1, feed_mm_min=FEED_MM_MIN, rpm=RPM)
+    first_cut.propose(coarse, tmp_path / "coupon", tool=1, feed_mm_min=FEED_MM_MIN, rpm=RPM)
     program, table = tmp_path / "coupon" / first_cut.PROGRAM, tmp_path / "coupon" / first_cut.TABLE
-    cell = read_cell(CELL)
+    cell = read_cell(coarse)
     chain = cell.planning_chain
     play = tuple(
         Play(factor * one.half_band_rad, (factor * one.friction_nm[0],), one.slip_rad)
@@ -141,7 +153,7 @@ def test_what_axes_lose_is_found(tmp_path: Path, factor: float) -> None:
         for axis, one in enumerate(chain.play or ())
     )
     fill_in(table, program, cell, play)
-    summary = first_cut.run(program, CELL, tmp_path / "out")
+    summary = first_cut.run(program, coarse, tmp_path / "out")
     values = read_cell(tmp_path / "out" / "cell.toml").tables.identified[-1].values
     found = {value.name: value for value in values if value.name.endswith(".lost")}
     soft = chain.compliance[chain.torsion, 5]
@@ -161,23 +173,23 @@ def deflections(cell: Cell, program: Path) -> np.ndarray:
     return plan.deflection_part[:, :3]
 
 
-def test_the_new_cell_bends_as_the_measured_one(softer: tuple[Path, Path, Cell], tmp_path: Path) -> None:
+def test_the_new_cell_bends_as_the_measured_one(softer: tuple[Path, Path, Cell], coarse: Path, tmp_path: Path) -> None:
     """Of what the file before is off, less than a third is left: what faces have in common is believed to 6 %."""
     program, _, truth = softer
-    summary = first_cut.run(program, CELL, tmp_path / "out")
+    summary = first_cut.run(program, coarse, tmp_path / "out")
     known, new = deflections(truth, program), deflections(read_cell(tmp_path / "out" / "cell.toml"), program)
-    before = deflections(read_cell(CELL), program)
+    before = deflections(read_cell(coarse), program)
     size = np.sqrt(np.mean(known**2))
     off = np.sqrt(np.mean((before - known) ** 2))
     assert off > 0.15 * size
     assert np.sqrt(np.mean((new - known) ** 2)) < off / 3.0
     assert summary["left_out_rms_um"] < 0.5 * summary["planned_rms_um"]
     assert summary["far_places"] == []
-    assert 0.0 < yield_sigma(read_cell(tmp_path / "out" / "cell.toml")) < yield_sigma(read_cell(CELL))
+    assert 0.0 < yield_sigma(read_cell(tmp_path / "out" / "cell.toml")) < yield_sigma(read_cell(coarse))
     assert read_summary(tmp_path / "out" / "summary.json")["places"] == summary["places"]
 
 
-def test_bad_rows_are_refused_by_their_line(softer: tuple[Path, Path, Cell], tmp_path: Path) -> None:
+def test_bad_rows_are_refused_by_their_line(softer: tuple[Path, Path, Cell], coarse: Path, tmp_path: Path) -> None:
     program, table, _ = softer
     rows = table.read_text().splitlines()
 
@@ -185,7 +197,7 @@ def test_bad_rows_are_refused_by_their_line(softer: tuple[Path, Path, Cell], tmp
         bad = tmp_path / "bad.csv"
         bad.write_text("\n".join(change.get(k, row) for k, row in enumerate(rows)) + "\n")
         with pytest.raises((FileFormatError, InputError), match=match) as fault:
-            first_cut.run(program, CELL, tmp_path / "out", measured=bad)
+            first_cut.run(program, coarse, tmp_path / "out", measured=bad)
         assert not (tmp_path / "out").exists()
         return str(fault.value)
 

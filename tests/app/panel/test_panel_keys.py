@@ -23,7 +23,7 @@ def test_keys_ramp_out_whatever_has_the_focus(tmp_path: Path) -> None:
     try:
         assert panel.stdout is not None
         links = dict(panel.stdout.readline().strip().split(": ", 1) for _ in range(2))
-        with Browser() as browser:
+        with Browser(draws=False) as browser:
             page = browser.page()
             page.open(links["operator"])
             page.wait_text("state", "NO RUN")

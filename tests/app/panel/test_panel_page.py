@@ -62,7 +62,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
 def test_a_run_with_two_people_and_a_panel_that_dies(run: Run, panels: list[PanelProcess]) -> None:
     """One story, because a browser and a loop are slow to start."""
     panels.append(panel := PanelProcess(run.folder))
-    with Browser() as browser:
+    with Browser(draws=False) as browser:
         anna = browser.page()
         anna.open(panel.links["operator"])
         anna.wait_text("state", "READY")

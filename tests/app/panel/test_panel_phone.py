@@ -6,7 +6,7 @@ import json
 import signal
 import subprocess
 import sys
-from pathlib import Path
+from collections.abc import Iterator
 
 import pytest
 
@@ -32,36 +32,50 @@ def require_reachable(page: Page, when: str) -> None:
     assert json.loads(page.value(_SEEN)) == [True, True], when
 
 
+@pytest.fixture(scope="module")
+def panel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A panel of a folder without a run, and the operator's link."""
+    folder = tmp_path_factory.mktemp("panel")
+    command = [sys.executable, "-m", "counterflex", "panel", str(folder / "log"), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as made:
+        assert made.stdout is not None
+        links = dict(made.stdout.readline().strip().split(": ", 1) for _ in range(2))
+        yield made, links["operator"]
+        made.kill()
+        made.communicate()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with Browser() as made:
+        yield made
+
+
 @pytest.mark.parametrize("screen", SCREENS)
-def test_nothing_covers_the_buttons(tmp_path: Path, screen: tuple[int, int]) -> None:
-    command = [sys.executable, "-m", "counterflex", "panel", str(tmp_path / "log"), "--port", "0"]
-    panel = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+def test_nothing_covers_the_buttons(
+    panel: tuple[subprocess.Popen[str], str], browser: Browser, screen: tuple[int, int]
+) -> None:
+    process, link = panel
+    page = browser.page()
+    width, height = screen
+    page.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=True)
+    page.open(link)
+    page.wait_text("state", "NO RUN")
+    require_reachable(page, "without a run")
+    assert page.value("document.documentElement.scrollWidth") <= width
+    assert not page.there("log-written")
+    assert "remaining (model)" in str(page.value("document.querySelector('.cf-live').textContent"))
+    page.click("stop")  # refused: no run goes on
+    page.wait("!!document.querySelector('.q-notification')", "the refusal is said")
+    require_reachable(page, "beside a message")
+    page.click("arm")
+    page.wait("!!document.querySelector('[data-test=\"no\"]')", "arming is asked for twice")
+    require_reachable(page, "beside a question")
+    page.click("no")
+    process.send_signal(signal.SIGSTOP)
     try:
-        assert panel.stdout is not None
-        links = dict(panel.stdout.readline().strip().split(": ", 1) for _ in range(2))
-        with Browser() as browser:
-            page = browser.page()
-            width, height = screen
-            page.call(
-                "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=True
-            )
-            page.open(links["operator"])
-            page.wait_text("state", "NO RUN")
-            require_reachable(page, "without a run")
-            assert page.value("document.documentElement.scrollWidth") <= width
-            assert not page.there("log-written")
-            assert "remaining (model)" in str(page.value("document.querySelector('.cf-live').textContent"))
-            page.click("stop")  # refused: no run goes on
-            page.wait("!!document.querySelector('.q-notification')", "the refusal is said")
-            require_reachable(page, "beside a message")
-            page.click("arm")
-            page.wait("!!document.querySelector('[data-test=\"no\"]')", "arming is asked for twice")
-            require_reachable(page, "beside a question")
-            page.click("no")
-            panel.send_signal(signal.SIGSTOP)
-            page.wait_text("lost", "NO CONNECTION")
-            require_reachable(page, "beside the banner")
-            panel.send_signal(signal.SIGCONT)
+        page.wait_text("lost", "NO CONNECTION")
+        require_reachable(page, "beside the banner")
     finally:
-        panel.kill()
-        panel.communicate()
+        process.send_signal(signal.SIGCONT)
+    page.open("about:blank")

@@ -63,7 +63,7 @@ def test_a_viewer_logs_in_over_tls(tmp_path: Path) -> None:
         assert panel.stdout is not None
         who, link = panel.stdout.readline().strip().split(": ", 1)
         assert (who, link[:8]) == ("log in", "https://")
-        with Browser() as browser:
+        with Browser(draws=False) as browser:
             page = browser.page()
             page.open(link)
             log_in(page, "a wrong password")

@@ -69,7 +69,7 @@ def test_the_command_prints_before_and_choices(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     program, cell = job(tmp_path)
-    words = ("plan", "strategy", program, "--cell", cell, "--rows", 3)
+    words = ("plan", "strategy", program, "--cell", cell, "--rows", 3, "--ap-mm", 5)
     status, out, _ = run(monkeypatch, capsys, *words, "--json")
     assert status == 0
     answer = json.loads(out)

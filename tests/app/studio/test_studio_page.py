@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,13 +17,28 @@ pytestmark = pytest.mark.skipif(chromium() is None, reason="no Chromium on this 
 SCAN = Path(__file__).resolve().parents[3] / "examples" / "scans" / "groove.ply"
 
 
+WIDTHS = (1280, 2560, 390)
+"""A phone comes last: the next click is made there, where the least room is."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One Chromium; each test has a page of its own."""
+    with Browser() as made:
+        yield made
+
+
 def nothing(_: str) -> None:
     """Take no picture."""
 
 
+def widen(page: Page, width: int) -> None:
+    page.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=width < 500)
+
+
 def opened(browser: Browser, link: str, *, width: int = 1280) -> Page:
     page = browser.page()
-    page.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=width < 500)
+    widen(page, width)
     page.open(link)
     return page
 
@@ -36,9 +52,9 @@ def require_programs(folder: Path) -> None:
         assert f"{line}  # exit 0" in done
 
 
-def test_from_an_empty_folder_to_three_programs_and_a_report(tmp_path: Path) -> None:
+def test_from_an_empty_folder_to_three_programs_and_a_report(tmp_path: Path, browser: Browser) -> None:
     folder = tmp_path / "my part"
-    with studio_walk.studio(folder) as link, Browser() as browser:
+    with studio_walk.studio(folder) as link:
         page = opened(browser, link)
         studio_walk.cell(page, nothing)
         assert page.value("location.href").endswith("/")  # the secret is in the cookie alone
@@ -51,9 +67,9 @@ def test_from_an_empty_folder_to_three_programs_and_a_report(tmp_path: Path) -> 
         assert page.value("self.origin") == "null"  # a page of the folder has no rights in the studio
 
 
-def test_readings_of_an_instrument_become_a_cell_file(tmp_path: Path) -> None:
+def test_readings_of_an_instrument_become_a_cell_file(tmp_path: Path, browser: Browser) -> None:
     examples.write_all(tmp_path / "cell.toml")
-    with studio_walk.studio(tmp_path) as link, Browser() as browser:
+    with studio_walk.studio(tmp_path) as link:
         page = opened(browser, link)
         studio_walk.measure(page, nothing, tmp_path)
         assert page.value("document.documentElement.scrollWidth") <= 1280
@@ -61,14 +77,20 @@ def test_readings_of_an_instrument_become_a_cell_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("width", [390, 1280, 2560])
-def test_proof_inspection_and_the_next_part(tmp_path: Path, width: int) -> None:
-    with studio_walk.studio(tmp_path) as link, Browser() as browser:
-        page = opened(browser, link, width=width)
-        studio_walk.cell(page, nothing)
-        studio_walk.plan(page, nothing)
-        studio_walk.after_the_cut(page, nothing, SCAN)
-        assert page.value("document.documentElement.scrollWidth") <= width
+def test_proof_inspection_and_the_next_part(tmp_path: Path, browser: Browser) -> None:
+    """On a phone; each page that a picture is taken of, and the last one, fits three widths."""
+    with studio_walk.studio(tmp_path) as link:
+        page = opened(browser, link, width=WIDTHS[-1])
+
+        def fits(shot: str) -> None:
+            for width in WIDTHS:
+                widen(page, width)
+                page.wait(f"innerWidth === {width}", f"{shot} is {width} px wide")
+                assert page.value("document.documentElement.scrollWidth") <= width, shot
+
+        studio_walk.cell(page, fits)
+        studio_walk.plan(page, fits)
+        studio_walk.after_the_cut(page, fits, SCAN)
         assert (tmp_path / "groove-krl-next" / "groove.src").stat().st_size > 0
 
 

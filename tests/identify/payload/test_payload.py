@@ -141,6 +141,7 @@ def test_weight_zero_and_mounting_come_back() -> None:
     assert headline["holdout_mean_n"].nominal > 20.0
 
 
+@pytest.mark.long
 def test_intervals_cover_the_truth() -> None:
     inside = []
     truth = true_sensor()
