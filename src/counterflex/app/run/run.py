@@ -30,7 +30,7 @@ from counterflex.core.units import NS
 from counterflex.files.logs.run_log import LAYOUT, RunLogWriter
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.processes.actions import Actions, actions_path
-from counterflex.protocols.processes.control_array import CONTROL, Course, Kept, Life, Request, Shown
+from counterflex.protocols.processes.control_array import CONTROL, Course, Kept, Life, Request, Shown, Tally
 from counterflex.protocols.processes.living import SILENT_S, Beat
 from counterflex.protocols.processes.one_run import OneRun
 from counterflex.protocols.processes.operator_words import OperatorFile
@@ -302,6 +302,7 @@ class Supervised:
             "recorder_died": died,
             "tracker_off": tracker_off(self.control),
             "compared": compared(self.control),
+            "malformed": int(self.control[Tally.MALFORMED]),
             "another_port": int(self.control[Course.ANOTHER_PORT]) or None,
             "unanswered": int(self.control[Course.UNANSWERED]) or None,
             "holds_feed": not self.control[Life.CANNOT_HOLD],
