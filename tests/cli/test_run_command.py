@@ -104,7 +104,15 @@ def test_a_stop_that_cannot_hold_the_feed_is_the_operators_end(asked: Cause, hol
     stopped = asked == Cause.OPERATOR and not holds_feed
     assert told["status"] == (End.STOPPED if stopped else End.FAULT)
     assert told["wrong"] is not stopped
-    assert ("was stopped" if stopped else "held too long") in told["said"]
+    assert ("was stopped" if stopped else f"held too long, for {asked.name.lower().replace('_', ' ')}") in told["said"]
+
+
+def test_telegrams_that_cannot_be_read_are_not_none() -> None:
+    """It said that no telegram came, of a robot that sent hundreds."""
+    nothing = summary("as asked") | {"cycles": 0}
+    assert "no telegram came" in ended_how(nothing, arm=True)["said"]
+    told = ended_how(nothing | {"malformed": 82}, arm=True)
+    assert (told["status"], "none of 82 telegrams could be read" in told["said"]) == (End.NEVER_ARMED, True)
 
 
 def test_what_ended_the_correction_last_counts() -> None:

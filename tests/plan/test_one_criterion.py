@@ -25,7 +25,7 @@ from counterflex.plan.lowest_mode import ASSUMED, ASSUMED_DAMPING, DAMPING_INTER
 from counterflex.plan.placement import chatter as placement_chatter
 from counterflex.plan.placement.chatter import Feeding, feeding
 from counterflex.plan.stability.along import Structure, margins
-from counterflex.plan.stability.criterion import least_damping, robot_limit
+from counterflex.plan.stability.criterion import LARGEST, SharedLimits, least_damping, robot_limit
 from counterflex.plan.static_correction import loaded_robot
 from counterflex.plan.strategy.chatter import WallPosture, depth_used
 from counterflex.plan.strategy.side_cut import SideCuts, feed_axes
@@ -154,3 +154,8 @@ def test_one_damping_is_assumed_and_its_interval_is_stated(cell_of: Callable[...
     tapped = Damping.of(0.04)
     assert (tapped.low, tapped.ratio, tapped.high) == (0.04, 0.04, 0.04)
     assert Damping.of(0.04, stated_ratio=0.2).ratio == 0.2
+
+
+def test_a_cut_that_regenerates_nothing_has_no_limit() -> None:
+    """It divided by the size of the directional matrix, which is 0 where nothing is engaged."""
+    assert SharedLimits()(0, _robot(np.random.default_rng(1)), np.zeros((3, 3)), 5e-3).factor == LARGEST

@@ -47,3 +47,17 @@ def test_agrees_with_the_array_form(segment: str, seed: int, hose_from: str) -> 
     w_base = tcp_wrench(sensor, w_sensor, R_base_sensor, T_seg_tcp, R_hose_sensor=R_hose_sensor)
     np.testing.assert_allclose(found, pose.rotate_wrench(cell.T_base_part[:3, :3].T, w_base), rtol=1e-9, atol=1e-8)
     np.testing.assert_allclose(one.w_base, w_base, rtol=1e-9, atol=1e-8)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("damaged", ["reading", "angles"])
+def test_one_damaged_reading_does_not_stay(bad: float, damaged: str) -> None:
+    """The last wrench bends the arm of the next sample: a NaN in it was in every one that came after it."""
+    cell, q, w_sensor = read_cell(DEMO / "cell.toml"), np.array([0.2, -1.4, 1.7, 0.3, 0.6, -0.5]), np.arange(6.0)
+    sensor = FlangeSensor("sensor", np.eye(4), 75.0, np.array([0.1, 0.0, 0.0]))
+    one = SensorWrench(cell.chain, sensor, cell.T_base_part)
+    first = one(q, w_sensor).copy()
+    broken = np.full(6, bad)
+    one(*((q, broken) if damaged == "reading" else (broken, w_sensor)))
+    assert not np.all(np.isfinite(one.w_part))  # it is shown as what it is
+    np.testing.assert_array_equal(one(q, w_sensor), first)

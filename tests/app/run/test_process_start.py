@@ -19,7 +19,7 @@ from counterflex.app.run.process import first_word, loop_process, signals_wait
 from counterflex.app.run.recorder import recorder_process
 from counterflex.app.run.run import Supervised
 from counterflex.core.errors import InputError, OutputError
-from counterflex.protocols.processes.control_array import CONTROL
+from counterflex.protocols.processes.control_array import CONTROL, Request
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.protocols.system.signals import SIGNALS
 
@@ -202,3 +202,21 @@ def test_both_processes_let_through_what_they_were_started_with_waiting(tmp_path
             signal.signal(number, handler)
         shared.remove()
     assert not waiting & set(SIGNALS)
+
+
+def test_an_interrupt_as_it_is_let_arm_ends_it_as_any_other(
+    supervised: Supervised, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop may correct already: it was left alone, and "nothing was written" said of its log."""
+
+    def interrupted(_: object) -> None:
+        raise KeyboardInterrupt
+
+    def once(*_: object) -> None:
+        played(supervised.loop).killed = True
+
+    monkeypatch.setattr(Supervised, "_permit", interrupted)
+    monkeypatch.setattr(Supervised, "_watch", once)
+    supervised.watch(lambda _: None, lambda: False, None)
+    assert supervised.control[Request.END] == 1
+    supervised.close()

@@ -199,3 +199,18 @@ def test_messages_of_the_other_side_are_refused() -> None:
         read_guidance(write_path_correction(1, 0.0, 0.0, 0.0))
     with pytest.raises(ProtocolError):
         read_path_correction(write_guidance(1, np.eye(4)))
+
+
+def test_a_plan_of_nothing_is_no_plan() -> None:
+    """Before the movement a controller may send it empty or zero: each message was malformed, and nobody told why."""
+    turned = part(2, doubles([1.0, 0.0, 0.0, 0.0]))
+    back = part(1, repeated(1, [0.0] * 6)) + part(2, part(1, doubles([1.0, 2.0, 3.0])) + turned)
+    head = part(1, varint(8) + varint(9) + varint(16) + varint(1234) + varint(24) + varint(2)) + part(5, bytes([8, 2]))
+    zero = part(2, part(1, doubles([0.0] * 3)) + part(2, doubles([0.0] * 4)))
+    for plan in (part(1, b"") + part(2, b""), zero, part(1, repeated(1, [0.0] * 7)) + zero):
+        state = read_robot(head + part(2, back) + part(3, plan))
+        assert state.missing == ()
+        assert state.q_planned is None
+        assert state.T_frame_tcp_planned is None
+    with pytest.raises(ProtocolError, match="not finite"):
+        read_robot(head + part(2, back) + part(3, part(1, repeated(1, [float("nan")] * 6))))

@@ -52,11 +52,21 @@ def test_gaps_are_counted_across_the_wrap(before: int, gap: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("unit", "factor"), [("N-m", 1.0), ("Nm", 1.0), ("N-mm", 1e-3), ("lbf-in", 0.1129848290276167)]
+    ("unit", "factor"),
+    [("N-m", 1.0), ("Nm", 1.0), ("N-mm", 1e-3), ("lbf-in", 0.1129848290276167), ("Lbf-In", 0.1129848290276167)]
+    + [("kg-cm", 0.0980665)],
 )
 def test_units_of_real_devices(unit: str, factor: float) -> None:
     document = netft.write_scaling(1000, 1000, 7000, "Axia").replace(b"N-m", unit.encode())
     assert netft.Scaling.of(document).moment_nm == pytest.approx(factor / 1000)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("Klbf", 4448.2216152605), ("Kg", 9.80665), ("kN", 1000.0)])
+def test_units_of_force(unit: str, factor: float) -> None:
+    document = netft.write_scaling(1000, 1000, 7000, "Axia").replace(b">N<", f">{unit}<".encode())
+    assert netft.Scaling.of(document).force_n == pytest.approx(factor / 1000)
+    with pytest.raises(ProtocolError, match=r"unit is not known.*stone.*kgf"):
+        netft.Scaling.of(document.replace(f">{unit}<".encode(), b">stone<"))
 
 
 @pytest.mark.parametrize(

@@ -72,9 +72,12 @@ class RunEnd:
         """Who ended it (``by``) and why (``cause``).
 
         By program, operator, hold, fault; stop disobeyed: the operator's stop, at which the robot went on; acting: it
-        still acts; armed: never switched on; never.
+        still acts; armed: never switched on; never. ``held_for``: why a hold began that lasted too long.
         """
-        return {"by": self._how, "cause": Cause(self._why).name.lower()}
+        out = {"by": self._how, "cause": Cause(self._why).name.lower()}
+        if self._why == Cause.HELD_TOO_LONG and self._began:
+            out["held_for"] = Cause(self._began).name.lower()
+        return out
 
 
 class RunCauses:
@@ -131,7 +134,12 @@ def _never_why(summary: Mapping[str, Any]) -> str:
             " the robot program at the controller, which takes it away, then start the run and the program again"
         )
     if not summary["cycles"]:
-        return ": no telegram came"
+        if not summary.get("malformed"):
+            return ": no telegram came"
+        return (
+            f": none of {summary['malformed']} telegrams could be read: is this the robot's protocol, and does its"
+            " controller send what the file of --rsi says?"
+        )
     if "not_closed" in summary.get("causes", ()):
         return ": the loop before did not end by itself, and nobody has acknowledged that (counterflex operator reset)"
     return f": {offset_message(off)}" if off is not None else ""
@@ -153,6 +161,8 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
         where a signal ended the run.
     """
     by, cause = summary["correction_ended"]["by"], summary["correction_ended"]["cause"].replace("_", " ")
+    held_for = summary["correction_ended"].get("held_for", "").replace("_", " ")
+    cause += f", for {held_for}" if held_for else ""
     lost, no_hold = summary["records_lost"], not summary.get("holds_feed", True)
     port, trouble = summary.get("another_port"), summary["log_trouble"]
     what = f"{lost} records are missing in the log" if lost else "the log is not whole"

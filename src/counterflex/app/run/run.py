@@ -30,7 +30,7 @@ from counterflex.core.units import NS
 from counterflex.files.logs.run_log import LAYOUT, RunLogWriter
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.processes.actions import Actions, actions_path
-from counterflex.protocols.processes.control_array import CONTROL, Course, Kept, Life, Request, Shown
+from counterflex.protocols.processes.control_array import CONTROL, Course, Kept, Life, Request, Shown, Tally
 from counterflex.protocols.processes.living import SILENT_S, Beat
 from counterflex.protocols.processes.one_run import OneRun
 from counterflex.protocols.processes.operator_words import OperatorFile
@@ -194,6 +194,7 @@ class Supervised:
         # While the others get ready: once the robot sends, recorder and permission to arm must not wait for it.
         from counterflex.protocols.system.system_calls import unlocked_beat
 
+        self._unlocked_beat = unlocked_beat
         where, loop_sha256, layout, unusual, hidden, before = first_word(
             self.loop,
             self._loop_pipe,
@@ -211,16 +212,19 @@ class Supervised:
         self.number = self._about["run"] = first_word(
             self.recorder, self._recorder_pipe, "the recorder's process", lambda: int(self.control[Life.RECORDER_NS])
         )
+        return where, [*unusual, *hidden, *([not_closed_line(before)] if before else [])]
+
+    def _permit(self) -> None:
+        """Let it arm and be operated. From here on an interrupt only asks it to end: a correction may be in effect."""
         self.control[Life.MAY_ARM] = self.control[Request.ARM] = int(self._settings.arm)
         self._operator = OperatorFile(self._out, self._words.path)
         self._status = StatusReader(self._ring.name, self.control)
-        beat_on = unlocked_beat()  # the loop has compiled it: this process reads it from the cache
-        if beat_on is not None:
+        beat_on = self._unlocked_beat()  # the loop has compiled it: this process reads it from the cache
+        if beat_on is not None and self._beat is not None:
             self._beat.unlock(beat_on)
-        return where, [*unusual, *hidden, *([not_closed_line(before)] if before else [])]
 
     def watch(self, watch: Callable[[Status], None], ended: Callable[[], bool], end_s: float | None) -> None:
-        """Watch until the loop has ended; the first interrupt asks it to end.
+        """Let the loop arm, and watch until it has ended; the first interrupt asks it to end.
 
         Args:
             watch: Told the status twice a second.
@@ -231,8 +235,12 @@ class Supervised:
             KeyboardInterrupt: The second one.
             CounterflexError: What ended the loop.
         """
+        permitted = False
         while self.loop.is_alive():
             try:
+                if not permitted:
+                    permitted = True
+                    self._permit()
                 self._watch(watch, ended, end_s)
             except KeyboardInterrupt:
                 if self._interrupted:
@@ -294,6 +302,7 @@ class Supervised:
             "recorder_died": died,
             "tracker_off": tracker_off(self.control),
             "compared": compared(self.control),
+            "malformed": int(self.control[Tally.MALFORMED]),
             "another_port": int(self.control[Course.ANOTHER_PORT]) or None,
             "unanswered": int(self.control[Course.UNANSWERED]) or None,
             "holds_feed": not self.control[Life.CANNOT_HOLD],

@@ -80,6 +80,8 @@ class SharedLimits:
         """Return the limit of a structure that is known by the number of its posture."""
         # The limit of A times a factor is the limit of A over it: cuts of one shape share a solution.
         size = float(np.abs(A).max())
+        if size == 0.0:  # nothing regenerates
+            return Limit(LARGEST, math.nan, ZEROTH)
         key = (posture, T, np.round(A / (size * 2.0 * _SAME)).astype(np.int64).tobytes())
         if key not in self._known:
             self._known[key] = self._limit_of(structure, A / size, T)

@@ -27,14 +27,14 @@ class PairSource:
     def __init__(self, first: ForceSource, second: ForceSource, wrench: PairWrench) -> None:
         self.first_source, self.second_source, self._wrench = first, second, wrench
         self.w_sensor: Float = first.w_sensor
-        self.samples: Float = first.samples
+        self.samples: Float = first.samples[:0]
         self.good = 0
         self.saturated = self.frozen = False
 
     @property
     def first(self) -> int:
         """Sequence number of the flange sensor's first sample; -1: they do not come at 1 kHz, or it has none."""
-        return self.first_source.first if self.first_source.good else -1
+        return self.first_source.first if len(self.samples) else -1
 
     def drain(self) -> int:
         """Take what both have; returns the number of good samples, 0 where neither can be used."""
@@ -45,8 +45,9 @@ class PairSource:
             beyond, still = beyond or source.saturated, still or source.frozen
             if count > 0 and not source.saturated and not source.frozen:
                 fresh, most = fresh | bit, max(most, count)
-        self.w_sensor, self.samples = self.first_source.w_sensor, self.first_source.samples
-        self._wrench.fresh, self.good = fresh, self.first_source.good if fresh & FIRST else most
+        kept = self.first_source.good if fresh & FIRST else 0  # rows behind them are of an earlier drain
+        self.w_sensor, self.samples = self.first_source.w_sensor, self.first_source.samples[:kept]
+        self._wrench.fresh, self.good = fresh, kept or most
         self.saturated, self.frozen = fresh == 0 and beyond, fresh == 0 and still
         return most
 

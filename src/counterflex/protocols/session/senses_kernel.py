@@ -132,7 +132,7 @@ def take_reading(
         s.pause = max(min(float(s.force_age), _LONGEST_PAUSE), _PAUSE_KEPT * s.pause)
     count = min(good, samples.shape[0])
     left_out = clean(samples, count, _gate(table))
-    if left_out == count:  # the last one goes on
+    if left_out == count > 0:  # the last one goes on
         s.force_age = 0
         return NONE
     return CLEANED if left_out > 0 else WHOLE

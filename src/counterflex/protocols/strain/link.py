@@ -39,7 +39,7 @@ class StrainLink(DatagramLink):
         counts: (1,) datagrams of the last drain.
         good: Samples in the last drain.
         w_sensor: (6,) N: force at the tool in holder axes and its standard deviation, as the estimator wrote it.
-        samples: (1, 6) that again; there is no force of single samples.
+        samples: (0, 6): there is no force of single samples, and ``w_sensor`` is that of the cycle before.
         first: -1: they are not the force sensor's at 1 kHz.
 
     Raises:
@@ -74,7 +74,7 @@ class StrainLink(DatagramLink):
         self.warm_c: Float = np.full(MOST_SAMPLES, np.nan)
         self.times_ns: Int = np.zeros(MOST_SAMPLES, dtype=np.int64)
         self.w_sensor: Float = np.zeros(6)
-        self.samples: Float = self.w_sensor.reshape(1, 6)
+        self.samples: Float = np.zeros((0, 6))
         self.good, self.first = 0, -1
         self.counts: Int = self._received["good"]
         self._same: Int = self._received["same"][0]

@@ -122,6 +122,9 @@ def sensor_wrench(tables: Records, q: Float, w_sensor: Float, time_s: float, tem
     carried = carray(to_pointer(table.carried.place), (1,), CARRIED)[0]
     R, still, p = carried.R_base_sensor[:], carried.idle[:], carried.p_sensor_tcp[:]
     frame = matrix(table.frame)
+    for k in range(6):
+        if not math.isfinite(w_base[k]):  # one damaged reading must not stay in the load of all that come after it
+            w_base[k] = 0.0
     bent_rotation(chain, carried, q, w_base, frame, matrix(table.delta))
     if carried.hand >= 0:
         for k in range(9):

@@ -169,11 +169,10 @@ def read_robot(data: bytes) -> RobotState:
 
     Every field of it is optional in the protocol. Where ``motorState`` or ``rapidExecState`` is left out, a running
     motion interface says as much: it does not run without motors and program. What else is needed and not there is
-    named in :attr:`RobotState.missing`.
+    named in :attr:`RobotState.missing`. A plan that is empty or zero, as before the movement, is none.
 
     Raises:
-        ProtocolError: Not such a message, a required field left out, a number that is not finite, a plan with another
-            number of joints or a quaternion far from unit length.
+        ProtocolError: Not such a message, a required field left out, a number that is not finite.
     """
     message = _parse("EgmRobot", data)
     if not message.HasField("header"):
@@ -200,7 +199,7 @@ def read_robot(data: bytes) -> RobotState:
         time_ms=message.header.tm,
         q=None if no_joints else _joints(back),
         T_frame_tcp=None if no_pose else _pose(back.cartesian),
-        T_frame_tcp_planned=_pose(planned.cartesian) if _placed(planned) else None,
+        T_frame_tcp_planned=None if _whole_pose(planned) else _pose(planned.cartesian),
         motors_on=message.motorState.state == MOTORS_ON if message.HasField("motorState") else guided,
         guided=guided,
         rapid_running=message.rapidExecState.state == RAPID_RUNNING if message.HasField("rapidExecState") else guided,
@@ -208,7 +207,7 @@ def read_robot(data: bytes) -> RobotState:
         force=measured_force(message.measuredForce) if message.HasField("measuredForce") else None,
         converged=message.mciConvergenceMet,
         move=message.moveIndex if message.HasField("moveIndex") else None,
-        q_planned=_joints(planned) if planned.HasField("joints") else None,
+        q_planned=None if _six_joints(planned) else _joints(planned),
         missing=tuple(missing),
     )
 

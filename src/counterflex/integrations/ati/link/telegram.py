@@ -15,7 +15,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from counterflex.core.errors import ProtocolError
-from counterflex.core.units import MM
+from counterflex.core.units import KGF, LBF, MM
 
 Three = tuple[float, float, float]
 
@@ -33,18 +33,29 @@ GOOD: Final = 0
 MONITOR: Final = 0x80010000
 """Status of a record in which a threshold of the sensor's own monitor was crossed: a warning, the values hold."""
 
-_NEWTON: Final = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "lb": 4.4482216152605, "klbf": 4448.2216152605}
-_POUND_INCH: Final = 4.4482216152605 * 25.4 * MM
+
+_POUND_INCH: Final = LBF * 25.4 * MM
+_NEWTON: Final = {
+    "n": 1.0,
+    "kn": 1e3,
+    "lbf": LBF,
+    "lb": LBF,
+    "klbf": 1e3 * LBF,
+    "kg": KGF,
+    "kgf": KGF,
+}
 _METRE: Final = {"m": 1.0, "mm": MM, "cm": 10.0 * MM, "in": 25.4 * MM, "ft": 12.0 * 25.4 * MM}
 _NEWTON_METRE: Final = {
-    "Nm": 1.0,
-    "Nmm": MM,
-    "kNm": 1e3,
+    "nm": 1.0,
+    "nmm": MM,
+    "knm": 1e3,
     "lbfin": _POUND_INCH,
     "inlb": _POUND_INCH,
     "lbin": _POUND_INCH,
     "lbfft": 12.0 * _POUND_INCH,
     "ftlb": 12.0 * _POUND_INCH,
+    "kgcm": 10.0 * KGF * MM,
+    "kgfcm": 10.0 * KGF * MM,
 }
 
 
@@ -147,9 +158,15 @@ class _Fields:
 
     def unit(self, name: str, known: dict[str, float]) -> float:
         """SI value of a unit."""
-        plain = self.text(name).replace("-", "").replace("*", "").replace(" ", "")
+        plain = self.text(name).replace("-", "").replace("*", "").replace(" ", "").lower()
         if plain not in known:
-            raise ProtocolError("the sensor's unit is not known", where=f"{self.where}: {name}", value=self.text(name))
+            raise ProtocolError(
+                "the sensor's unit is not known",
+                where=f"{self.where}: {name}",
+                value=self.text(name),
+                limit=", ".join(known),
+                hint="Choose another unit on the sensor's web page",
+            )
         return known[plain]
 
     def rate(self) -> float | None:
