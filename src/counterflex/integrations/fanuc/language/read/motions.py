@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -191,7 +190,7 @@ class TpMotionExecution(ExecutionByAxes[FanucMotion]):
         self.circle(middle, lambda what, hint: fault(routine.listing, statement, what, hint=hint))
         if form.unit in ("sec", "msec"):
             motion = self.motions[-1]
-            feed = self.targets.feed_m_s(form, _length(motion), routine, statement)
+            feed = self.targets.feed_m_s(form, motion.length_m, routine, statement)
             self.motions[-1] = replace(motion, feed_m_s=feed if motion.kind != "rapid" else 0.0)
 
     def _record(
@@ -232,12 +231,3 @@ class TpMotionExecution(ExecutionByAxes[FanucMotion]):
             self.motions[index] = motion
             block = self.motions[index].block
             self._blocks[block] = replace(self._blocks[block], modal=self.modal(self.motion_code(index)))
-
-
-def _length(motion: Motion) -> float:
-    """Length of a motion, m."""
-    p = np.asarray(motion.p_end) - np.asarray(motion.p_start)
-    if motion.p_centre is None or motion.normal is None:
-        return float(np.linalg.norm(p))
-    radius = float(np.linalg.norm(np.asarray(motion.p_start) - motion.p_centre))
-    return math.hypot(radius * motion.turn_rad, float(p @ motion.normal))
