@@ -367,7 +367,7 @@ LIN {X 50,Y 0,Z 10,A 40,B 0,C 180}
 END
 """
 VAL3_TURNS = (
-    "<Program name=\"p\"><Code>\nbegin\nmovel(p[0],t,m)\nm.rvel=2\nmovel(p[1],t,m)\nm.rvel=100\nmovel(p[0],t,m)\nend\n"
+    '<Program name="p"><Code>\nbegin\nmovel(p[0],t,m)\nm.rvel=2\nmovel(p[1],t,m)\nm.rvel=100\nmovel(p[0],t,m)\nend\n'
     "</Code></Program>"
 )
 VAL3_DATA = """<Database><Datas>

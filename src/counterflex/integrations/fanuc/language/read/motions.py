@@ -215,7 +215,8 @@ class TpMotionExecution(ExecutionByAxes[FanucMotion]):
             auxiliary=auxiliary if through and not through[0].computed else None,
             auxiliary_named=(base + first[0], base + first[1]) if through else (0, 0),
             speed=(base + form.speed_span[0], base + form.speed_span[1]), unit=unit, unit_m_s=unit_m_s,
-            speed_text=code[slice(*form.speed_span)], termination=form.termination, exact=form.exact,
+            speed_text=code[slice(*form.speed_span)], by_time=form.unit in ("sec", "msec"),
+            termination=form.termination, exact=form.exact,
         )  # fmt: skip
 
     def _close_arcs(self, routine: TpRoutine) -> None:
