@@ -216,6 +216,29 @@ def test_the_stated_turn_is_reached(tmp_path: Path, language: str, negative: boo
     assert row["verdict"] != "warning", row
 
 
+@pytest.mark.parametrize("negative", [True, False])
+def test_the_turn_stated_at_the_start_is_taken(tmp_path: Path, negative: bool) -> None:
+    """T of the first target: the arm goes through the whole program a full turn of axis 6 away otherwise."""
+    cell = cell_of(tmp_path)
+    there = two_turns(cell)[negative]
+    bits = sum(1 << axis for axis in range(6) if there[axis] < 0)
+    text = (
+        f"DEF p( )\nHALT ; change to tool T1, then press start\nBAS(#TOOL,1)\nBAS(#BASE,1)\n"
+        f"$VEL.CP=0.025\nPTP {{X -12.0,Y 45.0,Z 60.0,{POSE},S 2,T {bits}}}\n"
+        f"LIN {{X 72.0,Y 45.0,Z 60.0,{POSE}}}\nEND\n"
+    )
+    file = tmp_path / "p.src"
+    file.write_text(text)
+    shown = np.degrees(axes_in(cell, "krl")[0].shown(checking.check(file, cell).result.q))
+    assert (shown[0] - there) == pytest.approx(0.0, abs=1e-3)
+    assert all((axis < 0) == negative for axis in shown[:, 5])
+    far = text.replace(f"Y 45.0,Z 60.0,{POSE},S 2,T {bits}", f"Y 300.0,Z 60.0,{POSE},S 2,T 0")
+    file.write_text(far)  # needs A1 below 0
+    row = rows_of(file, cell)["motions by axes"]
+    assert row["verdict"] == "warning"
+    assert "ask for other turns of the axes (T 0)" in row["what"]
+
+
 def turned(language: str, there: np.ndarray) -> Callable[[list[str]], list[str]]:
     """A motion by axes to the begin of the second cut, in the turns of some axes."""
     bits = sum(1 << axis for axis in range(6) if there[axis] < 0)
@@ -225,7 +248,8 @@ def turned(language: str, there: np.ndarray) -> Callable[[list[str]], list[str]]
     def rapid(text: list[str]) -> list[str]:
         at = next(i for i, line in enumerate(text) if "[[-12.0000,45.0000,60.0000]" in line)
         move = text[at].replace("MoveL", "MoveJ").replace("[0,0,0,0]", f"[{quarters},0]")
-        return [line for line in [*text[:at], move, *text[at:]] if "Off" not in line]
+        begin = [line.replace("MoveJ", "MoveL") for line in text[:at]]  # its configuration is a place holder
+        return [line for line in [*begin, move, *text[at:]] if "Off" not in line]
 
     def fanuc(text: list[str]) -> list[str]:
         at = next(i for i, line in enumerate(text) if "P[6]" in line and ":L" in line)

@@ -115,6 +115,18 @@ def test_only_positions_and_speeds_change(source: str, size_um: float, waves: fl
     assert gap_to_polyline(compensated.p_part_command[fed], ends) < _TOLERANCE_M + 0.1 * UM
 
 
+@pytest.mark.parametrize("speed", ["3.0sec", "1500MSEC", "50mm/sec"])
+def test_pieces_of_a_motion_with_a_time_take_that_time_together(speed: str) -> None:
+    """A piece with the time of the whole would run as many times more slowly as there are pieces."""
+    source = listing("J P[1] 20% FINE", f"L P[2] {speed} FINE", entries=entry(1, 0, 0, 50) + entry(2, 90, 0, 50))
+    program = read_fanuc(source, name="part.ls")
+    text = write_fanuc_in_place(program, corrected(program, 300 * UM, 9.0), tolerance_m=_TOLERANCE_M, cycle_s=1e-3)
+    back = read_fanuc(text.files["part.ls"], name="part.ls")
+    assert text.vertices_added > 2
+    duration_s = [sum(one.length_m / one.feed_m_s for one in made.motions[1:]) for made in (program, back)]
+    assert duration_s[1] == pytest.approx(duration_s[0], rel=0.01)
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.tuples(*(st.floats(-180.0, 180.0) for _ in range(3))))
 def test_wpr_turns_about_fixed_axes(wpr: tuple[float, float, float]) -> None:

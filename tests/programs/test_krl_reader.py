@@ -147,6 +147,14 @@ def test_clauses_that_are_not_understood(clause: str, match: str) -> None:
         program(f"{GOOD}\nSLIN {{X 10}} WITH {clause}")
 
 
+def test_a_wrist_that_runs_by_axes_is_refused() -> None:
+    """$ORI_TYPE=#JOINT: orientations between the ends are those of the wrist's axes."""
+    with pytest.raises(ProgramError, match=r"wrist runs by axes .*#JOINT"):
+        program(f"{GOOD}\n$ORI_TYPE=#JOINT\nLIN {{X 10}}")
+    made = program(f"{GOOD}\n$ORI_TYPE=#JOINT\nPTP {{X 10}}\n$ORI_TYPE=#VAR\nLIN {{X 20}}")
+    assert [motion.kind for motion in made.motions[-2:]] == ["rapid", "feed"]
+
+
 @pytest.mark.parametrize("given", ["$VEL={CP 0.05,ORI1 200.0,ORI2 200.0}", "$ACC.CP=1.0, $VEL = {ORI1 9, CP 0.05}"])
 def test_speed_of_a_spline_block_as_a_whole(given: str) -> None:
     made = program(f"{GOOD}\nSPLINE WITH {given}\nSLIN {{X 10}}\nENDSPLINE\nSLIN {{X 0}}")

@@ -17,6 +17,7 @@ from counterflex.core.units import MM
 from counterflex.integrations.abb.language.read.reader import read_rapid
 from counterflex.integrations.fanuc.language.read.reader import read_fanuc
 from counterflex.integrations.kuka.language.read.reader import read_krl
+from counterflex.integrations.staubli.language.read.reader import read_val3
 from counterflex.programs.apt.reader import read_apt
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.program import Program
@@ -331,3 +332,57 @@ def test_fanuc_override_and_largest_speed_hold_until_they_are_set_again(ops: lis
     entries = entry(1, 0, 0, 50) + entry(2, 300, 0, 50)
     program = read_fanuc(listing(*lines, entries=entries), name="part.ls")
     assert speeds(program) == pytest.approx(expected, rel=1e-6)
+
+
+RAPID_HEAD = """MODULE m
+PERS tooldata t:=[TRUE,[[0,0,150],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+CONST robtarget p:=[[0,0,50],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+PROC main()
+MoveL p,v20,fine,t;
+"""
+TURNS_RAPID = """MoveL RelTool(p,10,0,0\\Ry:=20),[20,1,5,5],fine,t;
+MoveL RelTool(p,10,0,0\\Rz:=20),[20,1,5,5],fine,t;
+MoveL RelTool(p,20,0,0\\Rz:=40),[20,10,5,5]\\V:=30,fine,t;
+VelSet 50,1000;
+MoveL RelTool(p,30,0,0\\Rz:=20),[20,10,5,5],fine,t;
+MoveL RelTool(p,40,0,0\\Rz:=20),[20,10,5,5],fine,t;
+MoveL RelTool(p,50,0,0\\Rz:=21),v20,fine,t;
+ENDPROC
+ENDMODULE
+"""
+TURNS_KRL = """DEF p( )
+$BASE=BASE_DATA[1]
+$TOOL=TOOL_DATA[1]
+$VEL.CP=0.02
+LIN {X 0,Y 0,Z 10,A 0,B 0,C 180}
+$VEL.ORI1=2
+$VEL.ORI2=4
+LIN {X 10,Y 0,Z 10,A 0,B 20,C 180}
+LIN {X 20,Y 0,Z 10,A 0,B 20,C 180}
+$OV_PRO=50
+LIN {X 30,Y 0,Z 10,A 0,B 0,C 180}
+LIN {X 40,Y 0,Z 10,A 20,B 0,C 180}
+$VEL={CP 0.02,ORI1 200,ORI2 $VEL_MA.ORI2}
+LIN {X 50,Y 0,Z 10,A 40,B 0,C 180}
+END
+"""
+VAL3_TURNS = (
+    '<Program name="p"><Code>\nbegin\nmovel(p[0],t,m)\nm.rvel=2\nmovel(p[1],t,m)\nm.rvel=100\nmovel(p[0],t,m)\nend\n'
+    "</Code></Program>"
+)
+VAL3_DATA = """<Database><Datas>
+<Data name="t" type="tool"><Value key="0" fatherId="flange[0]"/></Data>
+<Data name="m" type="mdesc"><Value key="0" tmax="20" rmax="100"/></Data>
+<Data name="p" type="pointRx"><Value key="0" ry="180" fatherId="world[0]"/>
+<Value key="1" x="10" rx="20" ry="180" fatherId="world[0]"/></Data></Datas></Database>
+"""
+
+
+def test_a_turn_that_takes_longer_than_the_way_slows_the_tip() -> None:
+    """10 mm while the tool turns by 20 deg: at 1 deg/s that is 0.5 mm/s, whatever the speed along the path says."""
+    rapid = read_rapid(RAPID_HEAD + TURNS_RAPID, name="p.mod")
+    assert speeds(rapid) == pytest.approx([0.5, 20.0, 5.0, 2.5, 10.0, 10.0], rel=1e-4)
+    krl = read_krl(TURNS_KRL, name="p.src")
+    assert speeds(krl) == pytest.approx([1.0, 20.0, 0.5, 1.0, 10.0], rel=1e-4)
+    val3 = read_val3(VAL3_TURNS, data=VAL3_DATA)
+    assert speeds(val3) == pytest.approx([1.0, 20.0], rel=1e-4)

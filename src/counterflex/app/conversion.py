@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -22,8 +22,9 @@ from counterflex.app.robot_programs import robot_cell
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.units import UM
+from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.geometry import rotation
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.convert.check import refuse_other_path
 from counterflex.programs.convert.emitter import Conversion, ProgramEmitter, Written
@@ -33,8 +34,11 @@ from counterflex.programs.language import LANGUAGES, dialect_at, is_robot, objec
 from counterflex.programs.program import TOOL_VECTOR, Program
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_writer.writer import RobotSettings
 from counterflex.programs.rotary.fitted import turns
 from counterflex.programs.stated.two_readings import doubtful_readings, other_postures
+
+_FASTEST_TURN_DEG_S: Final = 400.0  # Usual $VEL_MA.ORI1 of KUKA; RAPID's predefined speeds have 500
 
 
 def run(
@@ -141,8 +145,21 @@ def emitter_settings(order: Conversion) -> dict[str, Any]:
     return {
         "name": routine_name(order.stem), "start_axes_rad": [0.0] * 6, "rapid_m_s": controller.rapid_m_s,
         "cycle_s": controller.cycle_s, "external_axes": held_axes(order.cell),
+        "orientation_deg_s": _turning_deg_s(order.program, order.cell),
         **({} if order.points_per_file is None else {"points_per_file": order.points_per_file}),
     }  # fmt: skip
+
+
+def _turning_deg_s(program: Program, cell: Cell) -> float:
+    """Speed of turning that no feed of the program waits for, at most :data:`_FASTEST_TURN_DEG_S`."""
+    R = orientations(program, cell)
+    needed = [
+        float(np.linalg.norm(rotation.log(R(index - 1).T @ R(index)))) * motion.feed_m_s / motion.length_m / DEG
+        for index, motion in enumerate(program.motions)
+        if index > 0 and motion.feed_m_s > 0.0 and motion.length_m > 0.0
+    ]
+    least = RobotSettings.orientation_deg_s
+    return float(min(max(least, np.ceil(1.01 * max(needed, default=0.0))), _FASTEST_TURN_DEG_S))
 
 
 def _free_rotation(program: Program, language: str) -> list[str]:

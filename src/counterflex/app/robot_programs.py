@@ -185,8 +185,11 @@ def by_axes_of(program: Program, cell: Cell) -> ByAxes:
 
 
 def _turns_of(program: RobotProgram, cell: Cell) -> dict[int, Turns]:
-    """Turns that the program states at the ends of its motions by axes; none where no one says how axes are counted."""
-    given = {motion: one for motion, one in program.turns().items() if motion in program.by_axes}
+    """Turns that the program states at its start and the ends of its motions by axes.
+
+    None where no one says how axes are counted.
+    """
+    given = {motion: one for motion, one in program.turns().items() if motion == 0 or motion in program.by_axes}
     if not given:
         return {}
     try:

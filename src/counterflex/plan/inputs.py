@@ -207,6 +207,7 @@ def joint_angles(
     """
     chain, Ts = setting.controller_chain, programmed_poses(path, setting)
     begins, between = setting.by_axes.rows(path.motion)
+    begins[:1] |= path.motion[:1] == 0 if 0 in setting.by_axes.turns else False
     if not np.any(begins):
         return inverse_path(chain, Ts, setting.branch, enforce_limits=enforce_limits, sigma_floor=sigma_floor)
     # Points between the ends of a motion by axes are no way of the arm: the solver sees the ends alone.

@@ -123,6 +123,15 @@ class Motion:
     # that were read to be listed.
     unknown: str = ""
 
+    @property
+    def length_m(self) -> float:
+        """Length of the path of the tool tip, m."""
+        p = np.asarray(self.p_end) - np.asarray(self.p_start)
+        if self.p_centre is None or self.normal is None:
+            return float(np.linalg.norm(p))
+        radius = float(np.linalg.norm(np.asarray(self.p_start) - self.p_centre))
+        return math.hypot(radius * self.turn_rad, float(p @ self.normal))
+
     def tangent_at(self, *, end: bool) -> Float:
         """(2,) unit direction at the start or the end of a motion."""
         if self.kind == "arc" and self.p_centre is not None and self.normal is not None:

@@ -41,6 +41,16 @@ def test_runout_is_recovered(true: float) -> None:
     assert found.pieces == 3
 
 
+def test_pieces_beyond_any_runout_do_not_draw_the_median_down() -> None:
+    """A piece whose force is larger than runout can make it is large; without it the smallest would decide."""
+    records = [record(e * UM, 40.0 * UM, i) for i, e in enumerate((2.0, 5.0))]
+    beyond = replace(records[0], amplitude_n=1e6)
+    found = runout([*records, beyond], CUTTER, LAW)
+    assert found is not None
+    assert found.value_m == pytest.approx(5.0 * UM, rel=0.08)
+    assert runout([records[0], beyond], CUTTER, LAW) is None
+
+
 def test_no_runout_is_below_a_tenth_of_a_micrometre_of_noise() -> None:
     found = runout([record(0.0, f * UM, i) for i, f in enumerate((20.0, 40.0))], CUTTER, LAW)
     assert found is not None

@@ -198,7 +198,7 @@ def turn_amplitude(force: Float, time_s: Float, spindle_rad_s: float, flutes: in
 def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout | None:
     """Runout that gives every piece its amplitude; median over the pieces.
 
-    Returns the runout, or None for a single flute, no piece, or an amplitude beyond what runout can do.
+    Returns the runout, or None for a single flute, no piece, or amplitudes of half of them beyond what runout can do.
     """
     amplitudes = []
     if cutter.flutes < 2:
@@ -207,11 +207,12 @@ def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout 
         largest = min(_LARGEST * turn.feed_tooth_m, 0.5 * cutter.radius_m)
         excess = partial(_excess, turn, cutter, law)
         # Beyond a few feeds per tooth only one tooth cuts and the amplitude no longer grows: no runout explains more.
-        if excess(largest) > 0.0:
-            amplitudes.append(float(scipy.optimize.brentq(excess, 0.0, largest, xtol=1e-9)))
-    if not amplitudes:
-        return None
+        # Such a piece counts as larger than all others: left out, it would draw the median down.
+        within = excess(largest) > 0.0
+        amplitudes.append(float(scipy.optimize.brentq(excess, 0.0, largest, xtol=1e-9)) if within else math.inf)
     values = np.array(amplitudes)
+    if not amplitudes or 2 * np.count_nonzero(np.isfinite(values)) <= len(values):
+        return None
     spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
     return Runout(float(np.median(values)), 1.2533 * spread / math.sqrt(len(values)), len(values))
 

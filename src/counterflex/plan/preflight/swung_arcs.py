@@ -46,7 +46,7 @@ class Swung:
 
     def as_stated(self, turns: Turns, motion: int) -> bool:
         """Return whether a motion ends in the turns that are stated, as far as it is reached."""
-        ends = np.flatnonzero((self.path.motion == motion) & self.made)
+        ends = np.flatnonzero((self.path.motion == motion) & (self.made | (motion == 0)))
         if self.solution is None or len(ends) == 0 or ends[-1] >= len(self.solution.q):
             return True
         return turns.agree(self.solution.q[ends[-1]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Generic, Protocol, TypeVar
@@ -11,6 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, RPM
+from counterflex.geometry import rotation
 from counterflex.geometry.circle import angle_to, circle
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Word
@@ -40,6 +42,8 @@ def with_axes(motions: Sequence[Motion], Rs_part_tcp: Float) -> Iterator[Motion]
 
 
 _LARGEST_RADIUS_M = 100.0
+_LEAST_WAY_M: Final = 1e-9
+_SAME_TIME: Final = 1e-3  # Share; targets and speeds are written with few digits
 
 
 class ToolInSpindle(Protocol):
@@ -190,6 +194,31 @@ def arc_through(motion: Motion, p_auxiliary: Float, fault: Callable[[str, str], 
         raise fault("the radius of a circle is beyond every robot", "Write a straight motion")
     turn = angle_to(np.asarray(motion.p_start), np.asarray(motion.p_end), centre, normal)
     return replace(motion, kind="arc", p_centre=centre, normal=normal, turn_rad=turn)
+
+
+def slowed_by_turning(motion: Motion, Rs_part_tcp: Sequence[Float], turning_rad_s: Sequence[float]) -> Motion:
+    """The motion at the speed that its turn leaves: controllers end the way and the turn at the same time.
+
+    Args:
+        motion: At its programmed speed; without way or speed it stays as it is.
+        Rs_part_tcp: Two of (3, 3), orientation of the TCP at its start and its end.
+        turning_rad_s: Largest speed of the whole turn; or two, of the tool axis and about it.
+    """
+    R_part_start, R_part_end = Rs_part_tcp
+    if motion.feed_m_s <= 0.0 or R_part_start is R_part_end or not any(math.isfinite(speed) for speed in turning_rad_s):
+        return motion
+    w, x, y, z = rotation.quat_wxyz(R_part_start.T @ R_part_end)
+    both = math.hypot(x, y), abs(z)
+    halves = (
+        [math.atan2(math.hypot(*both), abs(w))]
+        if len(turning_rad_s) == 1
+        else [math.atan2(both[0], math.hypot(w, z)), math.atan2(both[1], abs(w))]
+    )
+    time_s = max(2.0 * half / speed for half, speed in zip(halves, turning_rad_s, strict=True))
+    length = motion.length_m
+    if length <= _LEAST_WAY_M or time_s <= length / motion.feed_m_s * (1.0 + _SAME_TIME):
+        return motion
+    return replace(motion, feed_m_s=length / time_s)
 
 
 Move = TypeVar("Move")

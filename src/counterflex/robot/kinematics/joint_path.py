@@ -128,8 +128,11 @@ def _start(
     enforce_limits: bool,
     turns: Turns | None,
 ) -> Float | str:
-    """Angles in a branch, with the turns that are stated, that are nearest to those before; else the branch itself."""
-    if before is None:
+    """Angles in a branch, with the turns that are stated, that are nearest to those before, at the start to zero.
+
+    The branch itself where there are none.
+    """
+    if before is None and turns is None:
         return branch
     try:
         near = [one.q for one in inverse_all(chain, T_base_tcp, within_limits=enforce_limits) if one.branch == branch]
@@ -137,8 +140,9 @@ def _start(
         return branch
     if turns is not None:
         # Where none has the stated turns the nearest is taken; preflight names these targets (swung_arcs.axes_row).
-        near = [q for q in near if turns.agree(q)] or near
-    return near[int(np.argmin(np.abs(np.array(near) - before).max(axis=1)))] if near else branch
+        near = [q for q in near if turns.agree(q)] or ([] if before is None else near)
+    origin = 0.0 if before is None else before
+    return near[int(np.argmin(np.abs(np.array(near) - origin).max(axis=1)))] if near else branch
 
 
 def _stated(chain: ElasticChain, q: Float, branch: str) -> PathSolution:

@@ -66,6 +66,7 @@ class FanucInPlace(PointsInPlace[FanucProgram, FanucMotion]):
 
     def __init__(self, program: FanucProgram, compensated: CompensatedPath, tolerance_m: float, cycle_s: float) -> None:
         super().__init__(program, compensated, tolerance_m, cycle_s)
+        self._divided = -1  # Index of the motion that got its last added point with a speed of its own
         self._edits = {name: _ListingEdits(listing) for name, listing in program.listings.items()}
 
     def points_of(self, program: FanucProgram) -> list[FanucMotion]:
@@ -97,9 +98,11 @@ class FanucInPlace(PointsInPlace[FanucProgram, FanucMotion]):
         speed = like.speed_text
         if like.word == "J":
             speed = f"{short((speed_m_s or self._first_feed_m_s()) / MM_PER_S)}mm/sec"
-        elif speed_m_s is not None:
+        elif speed_m_s is not None or like.by_time:
+            speed_m_s = speed_m_s or self._fed(index)
             speed = f"{short(speed_m_s / like.unit_m_s)}{like.unit}"
             self.counts.speeds_changed += 1
+            self._divided = index
         termination = "FINE" if exact else _ADDED_TERMINATION if like.exact else like.termination
         edits.spans.insert(move.head, f"    :L {name} {speed} {termination} ;{self.program.newline}")
 
@@ -108,6 +111,8 @@ class FanucInPlace(PointsInPlace[FanucProgram, FanucMotion]):
         move = self.program.moves[index]
         if move.word == "WAIT" or move.T_frame_tool is None:  # a place by axes stays
             return p if move.word == "WAIT" else np.asarray(self.program.motions[index].p_end)
+        if speed_m_s is None and move.by_time and self._divided == index:
+            speed_m_s = self._fed(index)
         if speed_m_s is not None and move.unit_m_s > 0.0:
             self.refuse_repeated(move)
             self.counts.speeds_changed += 1
@@ -133,6 +138,10 @@ class FanucInPlace(PointsInPlace[FanucProgram, FanucMotion]):
         spans.replace(move.auxiliary_named[0], move.named[0], "")
 
     # ---- text ------------------------------------------------------------------------------------------------
+
+    def _fed(self, index: int) -> float:
+        """Speed of the last motion along the path up to one, m/s: a time of the whole is none of its pieces."""
+        return next(motion.feed_m_s for motion in self.program.motions[index::-1] if motion.feed_m_s > 0.0)
 
     def _first_feed_m_s(self) -> float:
         return next(motion.feed_m_s for motion in self.program.motions if motion.feed_m_s > 0.0)

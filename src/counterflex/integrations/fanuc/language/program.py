@@ -80,6 +80,7 @@ class FanucMotion(NamedPoint):
     unit: str = "mm/sec"  # Unit to write a speed in
     unit_m_s: float = 0.0  # One of that unit, m/s, with the override; 0 of J
     speed_text: str = ""  # The speed as written, with its unit
+    by_time: bool = False  # The speed is the time that it takes
     termination: str = ""  # As written: FINE, CNT100
     exact: bool = False  # It is FINE
 

@@ -27,7 +27,7 @@ from counterflex.integrations.abb.language.read.targets import RapidTargets, Spe
 from counterflex.integrations.abb.language.table import FORMS, RapidForm
 from counterflex.programs.expression import Value, is_number
 from counterflex.programs.program import Modal, Word
-from counterflex.programs.robot_text.execution import Execution
+from counterflex.programs.robot_text.execution import Execution, slowed_by_turning
 from counterflex.programs.robot_text.process_words import NUMBER
 from counterflex.programs.unknown import first_unknown, known
 
@@ -130,6 +130,9 @@ class RapidMotions(Execution):
             self.circle(p_via, lambda what, hint: self.fault(what, statement, hint=hint))
         if at.time is not None and len(self.motions) > 1:
             self._timed(statement, at.time_s)
+        elif len(self.motions) > 1:
+            turning = [at.turning_rad_s * self.override]
+            self.motions[-1] = slowed_by_turning(self.motions[-1], self.rotations[-2:], turning)
         self._words += [Word(letter, value, 0, 0) for letter, value in zip("XYZ", target.position_mm, strict=True)]
         guard = None if self.guard is None else self.guard.end + 1
         self.moves.append(
@@ -238,10 +241,7 @@ class RapidMotions(Execution):
         motion = self.motions[-1]
         if motion.kind == "rapid":
             return
-        length = float(np.linalg.norm(np.asarray(motion.p_end) - motion.p_start))
-        if motion.kind == "arc" and motion.p_centre is not None:
-            radius = float(np.linalg.norm(np.asarray(motion.p_start) - motion.p_centre))
-            length = radius * abs(motion.turn_rad)
+        length = motion.length_m
         if length < _LEAST_M:
             raise self.fault(
                 "a turn on the spot in a given time has no speed of the tool tip", statement, hint="Write \\V"

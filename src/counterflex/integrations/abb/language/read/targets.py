@@ -11,11 +11,11 @@ from functools import cached_property
 from typing import Any, Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import MM, MM_PER_S
+from counterflex.core.units import DEG, MM, MM_PER_S
 from counterflex.integrations.abb.language.program import RapidTarget
 from counterflex.integrations.abb.language.read import literals
 from counterflex.integrations.abb.language.read.memory import RapidMemory, Reference
-from counterflex.programs.expression import Name, is_number
+from counterflex.programs.expression import Name, Value, is_number
 from counterflex.programs.robot_text.cell import ExternalAxes, RobotTextCell
 from counterflex.programs.robot_text.process_words import NUMBER
 from counterflex.programs.unknown import Unknown, first_unknown, known
@@ -38,6 +38,7 @@ class Speed:
     value: tuple[int, int] | None = None  # Where the number of the option V stands; None where there is none
     time: tuple[int, int] | None = None  # Where the option T stands, from its backslash; None where there is none
     time_s: float = 0.0  # Its value
+    turning_rad_s: float = math.inf  # v_ori: of the turn about the tool tip
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +259,8 @@ class RapidTargets:
             if option == "T":
                 back = self.source.code.rfind("\\", argument.end, start)
                 return Speed(math.nan, None, (back, end), float(value))  # type: ignore[arg-type]
-            return Speed(self._in_range(float(value), argument), (start, end))  # type: ignore[arg-type]
+            of_data = self.memory.evaluated(argument.text, argument.start)
+            return Speed(self._in_range(float(value), argument), (start, end), turning_rad_s=_turning(of_data))  # type: ignore[arg-type]
         self._forget_old()
         key = (argument.text, self.memory.frames[-1].serial)
         speed = self._speeds.get(key)
@@ -269,7 +271,7 @@ class RapidTargets:
             first = known(first, "the speed", self.source.place(argument.start), text=argument.text, hint=hint)
             if not is_number(first):
                 raise self._fault("this is no speeddata", argument, limit="[v_tcp,v_ori,v_leax,v_reax]", hint=hint)
-            speed = self._speeds[key] = Speed(self._in_range(float(first), argument))
+            speed = self._speeds[key] = Speed(self._in_range(float(first), argument), turning_rad_s=_turning(value))
         return speed
 
     def _in_range(self, value: float, argument: literals.CallArgument) -> float:
@@ -327,6 +329,12 @@ class RapidTargets:
         return ProgramError(
             what, where=self.source.place(argument.start), value=" ".join(argument.text.split())[:60], **more
         )
+
+
+def _turning(speeddata: Value) -> float:
+    """v_ori, rad/s; infinite where it is not known."""
+    speed = speeddata[1] if isinstance(speeddata, list) and len(speeddata) == 4 else None
+    return float(speed) * DEG if is_number(speed) and speed > 0.0 else math.inf  # type: ignore[arg-type, operator]
 
 
 def _configuration(configuration: list[object] | None) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -191,7 +190,7 @@ class TpMotionExecution(ExecutionByAxes[FanucMotion]):
         self.circle(middle, lambda what, hint: fault(routine.listing, statement, what, hint=hint))
         if form.unit in ("sec", "msec"):
             motion = self.motions[-1]
-            feed = self.targets.feed_m_s(form, _length(motion), routine, statement)
+            feed = self.targets.feed_m_s(form, motion.length_m, routine, statement)
             self.motions[-1] = replace(motion, feed_m_s=feed if motion.kind != "rapid" else 0.0)
 
     def _record(
@@ -216,7 +215,8 @@ class TpMotionExecution(ExecutionByAxes[FanucMotion]):
             auxiliary=auxiliary if through and not through[0].computed else None,
             auxiliary_named=(base + first[0], base + first[1]) if through else (0, 0),
             speed=(base + form.speed_span[0], base + form.speed_span[1]), unit=unit, unit_m_s=unit_m_s,
-            speed_text=code[slice(*form.speed_span)], termination=form.termination, exact=form.exact,
+            speed_text=code[slice(*form.speed_span)], by_time=form.unit in ("sec", "msec"),
+            termination=form.termination, exact=form.exact,
         )  # fmt: skip
 
     def _close_arcs(self, routine: TpRoutine) -> None:
@@ -232,12 +232,3 @@ class TpMotionExecution(ExecutionByAxes[FanucMotion]):
             self.motions[index] = motion
             block = self.motions[index].block
             self._blocks[block] = replace(self._blocks[block], modal=self.modal(self.motion_code(index)))
-
-
-def _length(motion: Motion) -> float:
-    """Length of a motion, m."""
-    p = np.asarray(motion.p_end) - np.asarray(motion.p_start)
-    if motion.p_centre is None or motion.normal is None:
-        return float(np.linalg.norm(p))
-    radius = float(np.linalg.norm(np.asarray(motion.p_start) - motion.p_centre))
-    return math.hypot(radius * motion.turn_rad, float(p @ motion.normal))

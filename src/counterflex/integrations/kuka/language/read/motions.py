@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import MM, RPM
+from counterflex.core.units import DEG, MM, RPM
 from counterflex.geometry import pose
 from counterflex.integrations.kuka.language.program import KrlMotion, WithClause
 from counterflex.integrations.kuka.language.read import statements as form
@@ -19,6 +20,7 @@ from counterflex.integrations.kuka.language.read.targets import KrlTargets, Targ
 from counterflex.integrations.kuka.language.read.values import AXES, Value, record_of
 from counterflex.programs.expression import is_number
 from counterflex.programs.program import Motion
+from counterflex.programs.robot_text.execution import slowed_by_turning
 from counterflex.programs.unknown import Unknown
 
 MOTIONS: Final = frozenset(
@@ -135,10 +137,13 @@ class KrlMotions(KrlModes):
             read, before, self.frames.R_tcp_tool, active.T_part_base, holds=holds
         )  # fmt: skip
         self._words = [*self._words, *words]
-        self.motions.append(replace(
+        made = replace(
             made, block=len(self._blocks), kind="rapid" if feed == 0.0 else made.kind, feed_m_s=feed,
             spindle_rad_s=self._rpm * RPM, tool=self.frames.tool,
-        ))  # fmt: skip
+        )  # fmt: skip
+        if before is not None:
+            made = slowed_by_turning(made, (self.rotations[-1], rotation), self._turning(active))
+        self.motions.append(made)
         self.rotations.append(rotation)
         self.moves.append(replace(
             read, in_spline=self._in_spline, speed_set=self._speed_set, T_part_base=active.T_part_base,
@@ -181,9 +186,23 @@ class KrlMotions(KrlModes):
             active.feed_m_s, active.override = self.active_speed(code), self.override(code)
         return active.feed_m_s
 
+    def _turning(self, active: _Active) -> tuple[float, float]:
+        """$VEL.ORI1 and ORI2, rad/s, with the override; infinite where the program does not say them."""
+        speeds = self.memory.system.get("$VEL")
+        given = [speeds.get(name) if isinstance(speeds, dict) else None for name in ("ORI1", "ORI2")]
+        share = 1.0 if active.override is None else active.override
+        first, second = (float(v) * DEG * share if is_number(v) and v > 0.0 else math.inf for v in given)  # type: ignore[arg-type, operator]
+        return first, second
+
     def _holds_orientation(self, read: KrlMotion, code: str) -> bool:
         """$ORI_TYPE=#CONSTANT: the orientation of the target is disregarded."""
-        if self.mode("$ORI_TYPE", code) != "#CONSTANT":
+        kind = self.mode("$ORI_TYPE", code)
+        if kind == "#JOINT":
+            raise self._fault(
+                "the wrist runs by axes ($ORI_TYPE=#JOINT): the tool's axis between the ends is not known", code,
+                limit="$ORI_TYPE=#VAR or #CONSTANT", hint="Set $ORI_TYPE=#VAR before it",
+            )  # fmt: skip
+        if kind != "#CONSTANT":
             return False
         if read.word.endswith("CIRC") and self.mode("$CIRC_TYPE", code) != "#BASE":
             raise self._fault(

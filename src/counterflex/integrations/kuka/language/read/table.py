@@ -15,12 +15,12 @@ from typing import Final
 from counterflex.programs.statement_table import Statement, StatementTable, Treatment
 
 _EVALUATED: Final = (
-    ("$VEL", "$VEL={CP 0.1,ORI1 200.0,ORI2 200.0}", "path speed: CP in m/s; the speeds of orientation are carried"),
+    ("$VEL", "$VEL={CP 0.1,ORI1 200.0,ORI2 200.0}", "speed along the path, CP in m/s; of turning, ORI1 and ORI2"),
     ("$TOOL", "$TOOL=TOOL_DATA[1]", "tool frame, which must be that of the cell file"),
     ("$BASE", "$BASE=BASE_DATA[1]", "frame of the targets; a shift against the part frame is added to the path"),
     ("$OV_PRO", "$OV_PRO=100", "override in per cent, which multiplies the path speed"),
     ("$ORI_TYPE", "$ORI_TYPE=#VAR",
-     "#CONSTANT keeps the orientation of the start; #VAR and #JOINT lead to that of the end"),
+     "#CONSTANT keeps the orientation of the start, #VAR leads to that of the end; #JOINT is refused"),
     ("$CIRC_TYPE", "$CIRC_TYPE=#BASE", "orientation on circles; #PATH with $ORI_TYPE=#CONSTANT is refused"),
     ("$IPO_MODE", "$IPO_MODE=#BASE", "#TCP, the robot holds the part, is refused"),
     ("$APO", "$APO.CDIS=0.5", "distance at which approximation begins"),

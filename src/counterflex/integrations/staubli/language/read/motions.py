@@ -12,7 +12,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import MM_PER_S
+from counterflex.core.units import DEG, MM_PER_S
 from counterflex.geometry import pose
 from counterflex.integrations.staubli.language.program import Key, Val3Motion
 from counterflex.integrations.staubli.language.read import values as val3
@@ -22,7 +22,7 @@ from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Word
 from counterflex.programs.robot_text.cell import RobotTextCell
-from counterflex.programs.robot_text.execution import Away, ExecutionByAxes
+from counterflex.programs.robot_text.execution import Away, ExecutionByAxes, slowed_by_turning
 from counterflex.programs.unknown import Unknown, first_unknown, known
 
 _FASTEST_MM_S: Final = 20_000.0  # A speed limit from here on limits nothing: the robot runs as fast as its axes
@@ -114,6 +114,9 @@ class Val3MotionExecution(ExecutionByAxes[Val3Motion]):
             auxiliary = self._target(points[0][0], routine, at, word)
             self._circle(auxiliary, routine, at)
             literals.append(auxiliary.literal)
+        if len(self.motions) > 1 and "rmax" in attributes:
+            turning = [float(attributes["rmax"]) * DEG]
+            self.motions[-1] = slowed_by_turning(self.motions[-1], self.rotations[-2:], turning)
         self._words += [Word(c, float(v) * 1e3, 0, 0) for c, v in zip("XYZ", T[:3, 3], strict=True)]
         self.uses.update(key for key in literals if key is not None)
         self.moves.append(Val3Motion(
