@@ -45,7 +45,7 @@ OUTSIDE: Final = "This file is not in the folder of the project."
 TOO_LARGE: Final = "The file has more than {limit} MB."
 
 NEW_CELL: Final = "New cell"
-NEW_CELL_HELP: Final = "Robot of the catalogue, with an example spindle, tool, part and programs to try it"
+NEW_CELL_HELP: Final = "Robot of the catalogue, with an example spindle, tool, part and programs"
 ROBOT, FILE_NAME, MAKE_CELL = "Robot", "File name", "Write the cell"
 ROBOT_OPTION: Final = "{model}: {reach} mm, {payload} kg"
 SET, FILE, UNKNOWN = "Choose", "File", "Not known"
@@ -59,7 +59,7 @@ SAVE, REVERT, UNSAVED = "Save", "Read again", "Not saved yet"
 CELL_OK: Final = "The file can be used."
 AT_LINE: Final = "Line {line}: {text}"
 UNKNOWN_OF: Final = "What is not known, by the error it leaves uncorrected {where}"
-UNKNOWN_COLUMNS: Final = ("unknown", "known from", "leaves, mm", "9 of 10 cells, mm", "")
+UNKNOWN_COLUMNS: Final = ("unknown", "known from", "leaves, mm", "9 of 10 cells, mm", "measure by")
 NOT_AT_REST: Final = "in motion only"
 MEASURE: Final = "Measure"
 PUSHED: Final = (
@@ -147,6 +147,7 @@ SCENE: Final = {
     "line": "line",
     "time": "s",
     "slider": "Time along the program",
+    "most": "One scale before and after; here at most",
 }
 
 CHECK, CHECK_HELP = "Check the program", "Reach, joints, collisions, speeds, process: {counts}"
