@@ -326,7 +326,9 @@ def test_a_few_probed_points_in_the_part_frame_are_judged(work: Path, counterfle
     lines = ["Name;Nom X;Nom Y;Nom Z;Meas X [mm];Meas Y [mm];Meas Z [mm]"]
     lines += [";".join([f"P{k}", "0", "0", "0", *(f"{v:.4f}" for v in p)]) for k, p in enumerate(points)]
     (work / "cmm.csv").write_text("\n".join(lines).replace(".", ","))
-    ended = counterflex(*COMMAND, "--scan", "cmm.csv", "--aligned", "--json", "--export", "out/deep/map.ply", "--export-frame", "base")
+    ended = counterflex(
+        *COMMAND, "--scan", "cmm.csv", "--aligned", "--json", "--export", "out/deep/map.ply", "--export-frame", "base"
+    )
     assert ended.status == 0, ended.err
     rows, part = read_part_deviations(Path("out/deep/deviations.parquet"))
     assert part.datum_faces == ()

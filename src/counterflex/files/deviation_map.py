@@ -102,7 +102,7 @@ def write_deviation_map(
     """Write deviations as points with scalar fields, whole or not at all; the ending chooses the format.
 
     Args:
-        T_frame_part: Pose in the frame of the map of the axes that the deviations are given in; None: they are the same.
+        T_frame_part: Pose of the axes of the deviations in the frame of the map; None: they are the same.
         frame: Name of the frame of the map, of :data:`FRAMES`.
     """
     require_format(path)

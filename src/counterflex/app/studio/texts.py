@@ -133,8 +133,11 @@ CHANNELS: Final = {
     "before": ("Predicted error before", "um"),
     "after": ("Predicted error after", "um"),
 }
+OTHER_CELL: Final = (
+    "made with another cell file, or with this one before it was changed: plan again to see it on this cell"
+)
 NO_PLAN: Final = "without a plan"
-NOT_REACHED: Final = "The robot is not shown: {fault}"
+NOT_REACHED: Final = "The robot does not move: {fault}"
 NOT_CUT: Final = "The stock is not cut: {fault}"
 THINNED: Final = "{shown} of {points} points are drawn."
 SUMMARY: Final = "{language}, {lines} lines, {length:.0f} mm in {seconds:.0f} s, tools {tools}"
@@ -198,7 +201,8 @@ ACCEPT: Final = "This is the plan of the next part"
 HISTORY: Final = "Parts of this program: deviation in mm"
 HISTORY_COLUMNS: Final = ("part", "scan", "surface, 99.7 %", "path, rms", "changed against the part before")
 EXPECTED_PART: Final = "expected of the next part"
-FEATURE_COLUMNS: Final = ("feature", "quantity", "measured", "tolerance", "verdict")
+FEATURE_COLUMNS: Final = ("feature", "quantity", "measured (nominal), mm", "tolerance, mm", "verdict")
+NOT_FOUND: Final = "not found"
 CORRECTED: Final = "Deviation of the surface, mm (99.7 %): this part, and expected of the next (5 to 95 %)"
 CORRECT_HELP: Final = "Takes back what repeats of the measured deviations; its folder is the plan of the next part"
 NEEDS: Final = "Still missing: {what}"

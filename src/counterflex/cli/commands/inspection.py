@@ -150,7 +150,9 @@ class ScanOptions:
         """Return what writes the deviations that lie in a folder as a map; refuses a name that says no format."""
         if self.export is None:
             if self.export_frame is not None:
-                raise InputError("no map is exported that could have a frame", where="--export-frame", hint="Give --export FILE too")
+                raise InputError(
+                    "no map is exported that could have a frame", where="--export-frame", hint="Give --export FILE too"
+                )
             return None
         from counterflex.app.inputs import read_in_plane
         from counterflex.app.inspection.inspect import DEVIATIONS

@@ -79,8 +79,8 @@ def identify(inputs: Inputs) -> Identification:
     """Find the constants of the flange sensor from readings without a process.
 
     ``inputs``: The sensor before; ``sensor_poses`` and ``sensor_motion``. Setting ``hose`` is ``auto``, ``none``, ``1``
-    or ``2`` (degree of its functions), or ``once`` (degree 1 in the base where there are orientations enough for it,
-    compared with nothing: seconds in place of minutes), ``hose_from`` ``auto``, ``base`` or the body that the hose pack comes from.
+    or ``2`` (degree of its functions), or ``once`` (degree 1 in the base where the orientations suffice, compared with
+    nothing); ``hose_from`` is ``auto``, ``base`` or the body that the hose pack comes from.
 
     Raises:
         InputError: Too few orientations, or data that fit far better when read otherwise.
