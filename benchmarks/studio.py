@@ -1,7 +1,7 @@
 """Speed of the studio in Chromium: first page, frames with many points, memory while a person clicks.
 
-``python benchmarks/studio.py [--quick] [--points N] [--minutes M] [--json FILE]``. The pages are those of a project with
-one cell and one program of N points, a zigzag of short lines. A frame is counted at each call of the browser's own
+``python benchmarks/studio.py [--quick] [--points N] [--minutes M] [--json FILE]``. A project with one cell and one
+program of N points, a zigzag of short lines. A frame is counted at each call of the browser's own
 clock while the tool moves along the program: each has another point, another posture and another state of the stock.
 Chromium draws without a graphics card here, so that the figure holds processor drawing; ``script`` is the time of the
 page's own code per frame, which a graphics card does not take away. Needs the extra ``panel``, and Chromium.

@@ -94,12 +94,11 @@ def identify(inputs: Inputs) -> Identification:
     )
     blocks = reader.blocks(data, groups, cell.chain)
     degrees = hose_pack.degrees_of(s, sensor_data.count_of(blocks))
-    bodies = hose_bodies(cell.chain, sensor.segment)
-    frames = hose_pack.frames_of(s, bodies, with_joints=all(d.has("q") for d in (*data, *holdout)))
+    each = dict.fromkeys((*data, *holdout))  # a file that judges itself is checked once
+    frames = hose_pack.frames_of(s, hose_bodies(cell.chain, sensor.segment), with_joints=all(d.has("q") for d in each))
     parts = in_parts(progress, _work(hose_pack.trials_of(blocks, degrees, frames, forced=forced)))
     remarks = list(sensor_data.check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
     as_read = partial(reader.block, chain=cell.chain)
-    each = dict.fromkeys((*data, *holdout))  # a file that judges itself is checked once
     for i, d in enumerate(each):
         remarks += check_axes(d, as_read, as_stated=as_stated)
         remarks += check_units(d, sensor, as_read, as_stated=as_stated)
