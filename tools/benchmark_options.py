@@ -101,6 +101,7 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
     "step_stability": (
         ("--quick", "--robots", "kuka_kr270_2", "--seeds", "1-1", "--family", "mild", "--postures", "4"),
     ),
+    "studio": (("--quick", "--points", "2000", "--minutes", "0", "--json", f"{FOLDER}/figures.json"),),
     "tool_log": (
         (
             *("--quick", "--program", "examples/programs/groove.ngc", "--cell", "examples/cells/kr300_d16_small.toml"),

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterflex.app import examples
 from counterflex.app.campaign import campaign
 from counterflex.app.compensation.compensate import compensate, run
 from counterflex.app.identification.cell_model import read_settings, starting_cell
@@ -52,6 +53,20 @@ def test_every_axis_of_a_robot_with_published_stiffness_is_elastic() -> None:
     assert rigid_axes(cell.chain) == ()
     assert read_cell(SMALL, assume_class=True).class_stiffness is None
     assert not any("no stiffness" in one for one in check_cell(str(SMALL))["warnings"])
+
+
+def test_a_cell_that_is_named_after_another_robot_says_so(tmp_path: Path) -> None:
+    def remarks(text: str) -> list[str]:
+        file = tmp_path / "cell.toml"
+        file.write_text(text, encoding="utf-8")
+        return [one for one in check_cell(str(file))["warnings"] if one.startswith("name: ")]
+
+    edited = examples.small().replace(KNOWN, UNKNOWN)  # as a person does who has another robot
+    (found,) = remarks(edited)
+    assert "named after KR 300 R2500 ultra, and its robot is KR 270 R2700 ultra" in found
+    assert not remarks(edited.replace("KR 300 R2500 ultra", "KR 270 R2700 ultra"))
+    assert not remarks(examples.small())
+    assert not remarks(examples.with_robot(examples.small(), UNKNOWN))
 
 
 def test_cell_check_says_what_is_missing_and_what_it_costs(unknown: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 import trimesh
 
 from counterflex.core.arrays import Float
+from counterflex.files.cell.cell import read_cell
 from counterflex.files.part_deviations import read_part_deviations
 from counterflex.geometry import rotation
 
@@ -325,7 +326,9 @@ def test_a_few_probed_points_in_the_part_frame_are_judged(work: Path, counterfle
     lines = ["Name;Nom X;Nom Y;Nom Z;Meas X [mm];Meas Y [mm];Meas Z [mm]"]
     lines += [";".join([f"P{k}", "0", "0", "0", *(f"{v:.4f}" for v in p)]) for k, p in enumerate(points)]
     (work / "cmm.csv").write_text("\n".join(lines).replace(".", ","))
-    ended = counterflex(*COMMAND, "--scan", "cmm.csv", "--aligned", "--json", "--export", "out/deep/map.ply")
+    ended = counterflex(
+        *COMMAND, "--scan", "cmm.csv", "--aligned", "--json", "--export", "out/deep/map.ply", "--export-frame", "base"
+    )
     assert ended.status == 0, ended.err
     rows, part = read_part_deviations(Path("out/deep/deviations.parquet"))
     assert part.datum_faces == ()
@@ -334,8 +337,11 @@ def test_a_few_probed_points_in_the_part_frame_are_judged(work: Path, counterfle
     assert abs(np.median(rows.deviation_m[floor]) + 120e-6) < 2e-6
     np.testing.assert_allclose(rows.deviation_m[rows.face == 2], 0.0, atol=5e-6)
     with Path("out/deep/map.ply").open("rb") as stream:
-        data = trimesh.load(stream, file_type="ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
+        map_of = trimesh.load(stream, file_type="ply", process=False)
+    data = map_of.metadata["_ply_raw"]["vertex"]["data"]
     np.testing.assert_allclose(np.ravel(data["deviation_mm"]), 1e3 * rows.deviation_m, rtol=1e-6)
+    p_base_part = read_cell(Path(COMMAND[3])).T_base_part[:3, 3]  # the part is not turned
+    np.testing.assert_allclose(map_of.vertices, 1e3 * (rows.points + p_base_part), atol=1e-6)
 
 
 @pytest.mark.parametrize(("option", "words"), [("map.vtk", ".ply or .vtp"), ("s.ply", "replace s.ply")])

@@ -12,7 +12,7 @@ from defusedxml import ElementTree
 
 from counterflex.core.errors import InputError
 from counterflex.evaluate.inspection.part_deviations import FLOOR, FREE, WALL, PartDeviations
-from counterflex.files.deviation_map import ABOUT, write_deviation_map
+from counterflex.files.deviation_map import about, write_deviation_map
 
 COUNT = 7
 
@@ -41,8 +41,8 @@ def test_a_ply_is_read_by_another_library(tmp_path: Path, measured: PartDeviatio
     np.testing.assert_array_equal(np.ravel(data["face"]), measured.face)
     np.testing.assert_allclose(np.stack([np.ravel(data[f"n{a}"]) for a in "xyz"], axis=1), measured.normals, atol=1e-7)
     head = file.read_bytes().partition(b"end_header\n")[0].decode("ascii").splitlines()
-    assert f"comment {ABOUT[0]}" in head
-    assert "positive = material left" in ABOUT[0]
+    assert f"comment {about('part')[0]}" in head
+    assert "positive = material left" in about("part")[0]
 
 
 def test_a_vtp_holds_what_the_rules_of_its_xml_ask_for(tmp_path: Path, measured: PartDeviations) -> None:
@@ -72,8 +72,23 @@ def test_a_vtp_holds_what_the_rules_of_its_xml_ask_for(tmp_path: Path, measured:
     np.testing.assert_array_equal(arrays["offsets"][:, 0], range(1, COUNT + 1))
     (data,) = piece.findall("PointData")
     assert data.attrib == {"Scalars": "deviation_mm", "Normals": "normal"}
-    (about,) = root.findall("./PolyData/FieldData/Array")
-    assert bytes(int(code) for code in (about.text or "").split()).decode("ascii") == "; ".join(ABOUT) + "\0"
+    (said,) = root.findall("./PolyData/FieldData/Array")
+    assert bytes(int(code) for code in (said.text or "").split()).decode("ascii") == "; ".join(about("part")) + "\0"
+
+
+def test_a_map_in_the_base_of_the_robot_says_so(tmp_path: Path, measured: PartDeviations) -> None:
+    """A part turned by 90 degrees about z: its x axis is the y axis of the base."""
+    T_base_part = np.array([[0.0, -1.0, 0.0, 1.5], [1.0, 0.0, 0.0, -0.2], [0.0, 0.0, 1.0, 0.9], [0.0, 0.0, 0.0, 1.0]])
+    write_deviation_map(tmp_path / "map.ply", measured, T_base_part, "base")
+    read = trimesh.load(tmp_path / "map.ply", file_type="ply", process=False)
+    data = read.metadata["_ply_raw"]["vertex"]["data"]
+    x, y, z = measured.points.T
+    np.testing.assert_allclose(read.vertices, 1e3 * np.stack([1.5 - y, x - 0.2, z + 0.9], axis=1), atol=1e-9)
+    nx, ny, nz = measured.normals.T
+    np.testing.assert_allclose(np.ravel(data["nx"]), -ny, atol=1e-7)
+    np.testing.assert_allclose(np.ravel(data["ny"]), nx, atol=1e-7)
+    np.testing.assert_allclose(np.ravel(data["nz"]), nz, atol=1e-7)
+    assert b"base of the robot, mm" in (tmp_path / "map.ply").read_bytes()
 
 
 def test_another_ending_is_refused(tmp_path: Path, measured: PartDeviations) -> None:

@@ -24,6 +24,10 @@ from counterflex.files.summary_file import SEAL, SUMMARY, read_sealed, read_summ
 PREDICTION: Final = "counterflex-prediction"
 PAIR: Final = "counterflex-pair"
 _VARIANTS: Final = {"before": "nominal", "after": "compensated"}
+_OTHER: Final = {
+    "machined_sha256": "Predict the plan of the program that was run: prove machines the one of compensate without --as"
+}
+"""Hints where a digest differs."""
 _INPUTS: Final = {"program_sha256": "program", "cell_sha256": "cell file", "machined_sha256": "machined program"}
 _NO_TIME: Final = "when it was measured, which the measurement does not say"
 INDEPENDENCE: Final = {
@@ -87,7 +91,10 @@ def reveal(prediction: Path, measured: Path, out: Path | None) -> dict[str, Any]
     ]
     if not rows:
         limit = ", ".join(sealed["figures"])
-        raise InputError("the measurement has none of the predicted figures", where=str(measured), limit=limit)
+        hint = "A scan shows the surface; the path is measured by prove, evaluate, or inspect --tool-log"
+        raise InputError(
+            "the measurement has none of the predicted figures", where=str(measured), limit=limit, hint=hint
+        )
     pair: dict[str, Any] = {
         "revealed": _now(),
         "prediction": sealed,
@@ -222,7 +229,7 @@ def _require_same(sealed: Mapping[str, Any], measurement: _Measured, measured: P
         if own != its and (key in needed or key in measurement.inputs):
             value, limit = f"SHA-256 {str(its)[:12]}", str(own)[:12]
             fault = f"the measurement is of another {what} than the prediction"
-            raise InputError(fault, where=str(measured), value=value, limit=limit)
+            raise InputError(fault, where=str(measured), value=value, limit=limit, hint=_OTHER.get(key))
     if _NO_TIME not in measurement.not_looked_at and measurement.inputs["begun"] < sealed["created"]:
         value, limit = measurement.inputs["begun"], f"after {sealed['created']}"
         raise InputError("the measurement is older than the prediction", where=str(measured), value=value, limit=limit)

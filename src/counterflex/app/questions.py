@@ -88,6 +88,25 @@ def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> list[dict[str, A
     return sorted(rows, key=lambda row: -abs(float(row["share"])))
 
 
+def _named_after_another(cell: Cell) -> list[str]:
+    """Warning where the name of a cell, which stands in reports and programs, is that of another robot."""
+    own = cell.tables.robot.catalog
+    if own is None or _short_model(own) in cell.name:
+        return []
+    others = (_short_model(name) for name in catalog.names())
+    other = max((one for one in others if one in cell.name), key=len, default="")
+    if not other:
+        return []
+    return [
+        f"name: the cell is named after {other}, and its robot is {_short_model(own)}: reports and programs would name "
+        "the wrong robot. Change name"
+    ]
+
+
+def _short_model(robot: str) -> str:
+    return catalog.entry(robot).model.split(" (")[0]
+
+
 def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
     """Resolve a cell and judge it: reach of the stock's corners, compliance at the part, weakest element, unknowns.
 
@@ -103,7 +122,7 @@ def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
     chain = cell.chain
     warnings: list[str] = [one.sentence() for one in unusual(cell.tables)]
     law = None if cell.tables.material is None else cell.force_law
-    warnings += unknown_stiffness(cell)
+    warnings += [*_named_after_another(cell), *unknown_stiffness(cell)]
     missing = cell.missing_for_milling()
     if missing:
         warnings.append(f"no {', '.join(missing)}: good for calibration (counterflex identify), nothing can be milled")

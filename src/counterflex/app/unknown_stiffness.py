@@ -136,7 +136,7 @@ def refusal(cell: Cell, cost: Expected | None) -> InputError:
         estimate = (
             "Nothing of it would be corrected" if cost is None else f"By its class it yields {cost.shown} {cost.of}"
         )
-        hint = f"{measure}, {stated}, or plan with the median of its class: {OPTION}"
+        hint = f"{measure}, {stated}, or plan with the median of its class: {OPTION} of compensate, prove and quote"
     return InputError(
         f"no stiffness is known of {axes} of {cell.chain.name}, so nothing can be planned",
         where=str(cell.path),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,14 +15,20 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.evaluate.inspection.part_deviations import FACES, PartDeviations
+from counterflex.geometry import pose
 
-ABOUT: Final = (
-    "deviation_mm: actual minus nominal along the outward normal, positive = material left, mm",
-    "points on the nominal surface, part frame, mm; face: "
-    + ", ".join(f"{number} = {name}" for number, name in enumerate(FACES)),
-)
-"""Said in the file, too."""
+FRAMES: Final = {"part": "part frame", "base": "base of the robot"}
+"""Frames of a map, and their words in the file."""
 _TYPES: Final = {"f4": ("float", "Float32"), "f8": ("double", "Float64"), "u1": ("uchar", "UInt8")}
+
+
+def about(frame: str) -> tuple[str, str]:
+    """Lines that a map says about itself."""
+    faces = ", ".join(f"{number} = {name}" for number, name in enumerate(FACES))
+    return (
+        "deviation_mm: actual minus nominal along the outward normal, positive = material left, mm",
+        f"points on the nominal surface, {FRAMES[frame]}, mm; face: {faces}",
+    )
 
 
 def _fields(deviations: PartDeviations) -> Mapping[str, Float]:
@@ -33,11 +40,11 @@ def _fields(deviations: PartDeviations) -> Mapping[str, Float]:
     }
 
 
-def _ply(deviations: PartDeviations) -> bytes:
+def _ply(deviations: PartDeviations, said: tuple[str, str]) -> bytes:
     columns = dict(zip(("x", "y", "z"), (deviations.points / MM).astype("<f8").T, strict=True))
     columns |= zip(("nx", "ny", "nz"), deviations.normals.astype("<f4").T, strict=True)
     columns |= _fields(deviations)
-    head = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in ABOUT)]
+    head = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in said)]
     head.append(f"element vertex {len(deviations)}")
     head += [f"property {_TYPES[values.dtype.str[1:]][0]} {name}" for name, values in columns.items()]
     rows = np.empty(len(deviations), [(name, values.dtype) for name, values in columns.items()])
@@ -55,14 +62,14 @@ def _array(name: str, values: np.ndarray[Any, Any], kind: str = "") -> str:
     return f'<DataArray type="{kind}" Name="{name}"{parts} format="binary">{text}</DataArray>'
 
 
-def _vtp(deviations: PartDeviations) -> bytes:
+def _vtp(deviations: PartDeviations, said: tuple[str, str]) -> bytes:
     count = len(deviations)
-    about = " ".join(str(code) for code in [*"; ".join(ABOUT).encode("ascii"), 0])
+    codes = " ".join(str(code) for code in [*"; ".join(said).encode("ascii"), 0])
     fields = [_array(name, values) for name, values in _fields(deviations).items()]
     lines = [
         '<?xml version="1.0"?>',
         '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64"><PolyData>',
-        f'<FieldData><Array type="String" Name="about" NumberOfTuples="1" format="ascii">{about}</Array></FieldData>',
+        f'<FieldData><Array type="String" Name="about" NumberOfTuples="1" format="ascii">{codes}</Array></FieldData>',
         f'<Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="0" NumberOfStrips="0" '
         'NumberOfPolys="0">',
         '<PointData Scalars="deviation_mm" Normals="normal">',
@@ -78,7 +85,7 @@ def _vtp(deviations: PartDeviations) -> bytes:
     return "\n".join(lines).encode("ascii")
 
 
-_MAKERS: Final[Mapping[str, Callable[[PartDeviations], bytes]]] = {".ply": _ply, ".vtp": _vtp}
+_MAKERS: Final[Mapping[str, Callable[[PartDeviations, tuple[str, str]], bytes]]] = {".ply": _ply, ".vtp": _vtp}
 
 
 def require_format(path: Path) -> None:
@@ -89,7 +96,17 @@ def require_format(path: Path) -> None:
         )
 
 
-def write_deviation_map(path: Path, deviations: PartDeviations) -> None:
-    """Write deviations as points with scalar fields, whole or not at all; the ending chooses the format."""
+def write_deviation_map(
+    path: Path, deviations: PartDeviations, T_frame_part: Float | None = None, frame: str = "part"
+) -> None:
+    """Write deviations as points with scalar fields, whole or not at all; the ending chooses the format.
+
+    Args:
+        T_frame_part: Pose of the axes of the deviations in the frame of the map; None: they are the same.
+        frame: Name of the frame of the map, of :data:`FRAMES`.
+    """
     require_format(path)
-    atomic.write_bytes(path, _MAKERS[path.suffix.lower()](deviations))
+    if T_frame_part is not None:
+        points, normals = pose.transform(T_frame_part, deviations.points), deviations.normals @ T_frame_part[:3, :3].T
+        deviations = replace(deviations, points=points, normals=normals)
+    atomic.write_bytes(path, _MAKERS[path.suffix.lower()](deviations, about(frame)))

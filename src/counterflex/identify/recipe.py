@@ -105,6 +105,8 @@ class Recipe:
     settings: Mapping[str, float | int | str | bool]
     find: Callable[[Inputs], Identification]  # the physics: the result of Inputs
     propose: Propose  # see Propose
+    # settings that spare what only compares models: readings are checked with them while they are typed
+    quick: Mapping[str, float | int | str | bool] = field(default_factory=dict)
 
     def identify(
         self,

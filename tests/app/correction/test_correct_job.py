@@ -22,7 +22,7 @@ from counterflex.core.errors import CounterflexError, FileFormatError, InputErro
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
-from counterflex.files.plan_file import read_plan
+from counterflex.files.plan_file import CLASS_ASSUMED, read_plan
 from counterflex.files.summary_file import read_summary
 from counterflex.twin.truth.family import WIDE
 
@@ -55,6 +55,19 @@ def shop(tmp_path_factory: pytest.TempPathFactory) -> Shop:
             correct.run(program, CELL, made.plan, [made.part], made.next_plan)
         simulate.run(plan / "part.ngc", CELL, folder / "truth.toml", part, original=program)
     return made
+
+
+def test_the_next_program_stands_on_the_class_of_the_robot_as_the_plan_does(tmp_path: Path) -> None:
+    text = CELL.read_text(encoding="utf-8")
+    cell, program, truth = (tmp_path / name for name in ("cell.toml", "part.ngc", "truth.toml"))
+    cell.write_text(text.replace("kuka_kr300_r2500_ultra", "kuka_kr270_r2700_ultra"), encoding="utf-8")
+    program.write_text(GROOVE, encoding="ascii", newline="")
+    make_truth(read_cell(cell, assume_class=True), 3, truth, WIDE)
+    compensate.run(program, cell, tmp_path / "plan", assume_class=True, report=False, predict=False)
+    simulate.run(tmp_path / "plan" / "part.ngc", cell, truth, tmp_path / "part", original=program)
+    summary = correct.run(program, cell, tmp_path / "plan", [tmp_path / "part"], tmp_path / "next", report=False)
+    assert summary["assumed"]["stiffness"]["axes"] == [1, 2, 3, 4, 5, 6]
+    assert read_plan(tmp_path / "next" / "plan.parquet")[1][CLASS_ASSUMED]  # and so does the part after it
 
 
 def surface_mm(shop: Shop, part: Path) -> float:

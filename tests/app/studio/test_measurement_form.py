@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from counterflex.app.studio import measurement_form
 from counterflex.app.studio.choices import choices
 from counterflex.app.studio.measured_file import MeasuredFile
 from counterflex.app.studio.measurement_form import MeasurementForm
@@ -67,6 +70,29 @@ def test_what_is_typed_is_what_the_command_reads(tmp_path: Path) -> None:
     assert not data.has("R_tracker_target")  # its columns are empty
     again = MeasurementForm.read(form.folder, "some")
     assert (again.rows, again.sigma) == (form.rows, form.sigma)
+
+
+def test_an_entry_during_a_slow_save_is_no_other_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    form = MeasurementForm.read(proposed(tmp_path / "form", "tracker_poses"), "some")
+    half, on, written = threading.Event(), threading.Event(), measurement_form.atomic.write_text
+
+    def slow(path: Path, text: str) -> None:
+        written(path, text)
+        half.set()
+        on.wait(0.5)  # the second save begins while the first has written the table alone
+
+    monkeypatch.setattr(measurement_form.atomic, "write_text", slow)
+    with ThreadPoolExecutor(3) as pool:
+        form.sigma["p_tracker_target", "mm"] = 0.02
+        first = pool.submit(form.save)
+        half.wait()
+        typed(form)
+        second, current = pool.submit(form.save), pool.submit(form.is_current)
+        first.result()
+        on.set()
+        second.result()
+        assert current.result()
+    assert MeasurementForm.read(form.folder, "some").rows == form.rows
 
 
 def test_a_planned_load_stands_in_the_form_and_a_displacement_alone_is_enough(tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
+import json
 import os
 import threading
 from collections.abc import AsyncIterator
@@ -16,8 +18,10 @@ import counterflex as cf
 from counterflex.app import examples
 from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.studio.cell_text import CellValues, line_of, with_values
+from counterflex.app.studio.inspect_page import feature_rows
 from counterflex.app.studio.jobs import LOG, CommandQueue, QueuedCommand
 from counterflex.app.studio.project import Project
+from counterflex.app.studio.texts import WITHIN
 from counterflex.app.studio.tool_way import POINTS, ToolWay, pushed
 from counterflex.core.errors import CounterflexError
 from counterflex.core.next_command import next_command
@@ -88,6 +92,26 @@ def test_a_folder_says_what_its_files_are(folder: Path) -> None:
     assert project.inside("plan/plan.parquet") is not None
     assert project.inside("../" + folder.name) is None
     assert project.inside("../../../../../../etc/passwd") is None
+
+
+def test_results_of_another_cell_are_told(tmp_path: Path) -> None:
+    (tmp_path / "plan").mkdir()
+    for name in ("cell.toml", "other.toml"):
+        (tmp_path / name).write_text(name, encoding="utf-8")
+    inputs = {"cell_sha256": hashlib.sha256(b"cell.toml").hexdigest()}
+    (tmp_path / "plan" / "summary.json").write_text(json.dumps({"job": "compensate", "inputs": inputs}))
+    project = Project(tmp_path)
+    assert project.made_with("plan", "cell.toml")
+    assert not project.made_with("plan", "other.toml")
+    assert project.made_with("plan", "")  # no cell is chosen yet
+
+
+def test_a_feature_that_the_scan_does_not_hold_is_not_found() -> None:
+    seen = {"worst_mm": 12.14, "within": True}
+    feature = {"feature": "groove 1", "quantity": "width", "nominal_mm": 12.0, "tolerance_mm": 0.2}
+    rows = feature_rows([{**feature, "part": seen}, feature])
+    assert [row[2] for row in rows] == ["12.140 (12)", "not found (12)"]
+    assert [row[4] for row in rows] == [WITHIN[True], WITHIN[None]]
 
 
 def test_the_way_of_the_tool_is_that_of_the_plan(folder: Path) -> None:

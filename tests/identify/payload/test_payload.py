@@ -21,6 +21,7 @@ from counterflex.identify.data.changes import BodyMass, TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.choice import greedy
+from counterflex.identify.payload import hose_pack
 from counterflex.identify.payload.data import shared_mass, with_added_mass
 from counterflex.identify.payload.proposal import working_postures
 from counterflex.identify.payload.recipe import RECIPE
@@ -267,6 +268,21 @@ def test_the_twins_sensor_is_found_through_its_faults() -> None:
     assert force.value < 5.0
     assert found.headline[2].value < 1.2
     assert any("degree 1 is used, with the rotation of the sensor in axis4" in r for r in found.remarks)
+
+
+def test_the_check_while_typing_finds_the_outlier_of_the_whole_fit_and_compares_no_hose(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    columns = {f"q{k + 1}_rad": value for k, value in enumerate(orientations(24).T)}
+    m = measure(truth_of(cell(), 1), laboratory(1), columns, {}, silent)
+    w_sensor = m.channels["w_sensor"].copy()
+    w_sensor[7, 1] += 80.0
+    data = of_arrays("typed", "sensor_poses", {**m.channels, "w_sensor": w_sensor}, m.sigma, group=m.group)
+    whole = run(data, data)
+    monkeypatch.setattr(hose_pack, "cross_validate", None)  # what takes the time
+    quick = run(data, data, **RECIPE.quick)
+    assert [one.row for one in quick.fits["payload"].outliers] == [7]
+    assert [one.row for one in whole.fits["payload"].outliers] == [7]
 
 
 def left_at_work(**settings: Any) -> float:

@@ -22,6 +22,7 @@ from counterflex.app.compensation.prediction import summary_of
 from counterflex.app.correction.causes import Known, shown
 from counterflex.app.correction.decide import LIMIT_M, measured_error, next_step
 from counterflex.app.correction.scans import Corrected, MeasuredScan, PartScan, in_part_axes
+from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.robot_programs import inputs_of, with_files
@@ -38,7 +39,7 @@ from counterflex.evaluate.path_error.learning import ExpectedSurface, MeasuredEr
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
 from counterflex.files.part_deviations import MeasuredPart, read_path_error, write_part_deviations, write_path_error
-from counterflex.files.plan_file import WORKING_PLANE, read_plan, write_plan
+from counterflex.files.plan_file import CLASS_ASSUMED, WORKING_PLANE, read_plan, write_plan
 from counterflex.files.summary_file import read_summary, write_folder_summary
 from counterflex.path.toolpath import FEED
 from counterflex.plan.feed_schedule import at_feed, share_between
@@ -221,6 +222,11 @@ def correct(
     )
 
 
+def _stands_on_class(folder: Path) -> bool:
+    """Return whether a plan took the median of the robot's class for its stiffness: the next one does so too."""
+    return (folder / PLAN).is_file() and bool(read_plan(folder / PLAN)[1].get(CLASS_ASSUMED, False))
+
+
 def _read_plan(folder: Path, job: Job, cell: Cell) -> Plan:
     """A plan on the program's own path, at the plan's feed."""
     if not (folder / PLAN).is_file():
@@ -312,8 +318,8 @@ def run(
         plan_folder: Of ``compensate`` or ``correct``.
         apply: New cell file, or None.
     """
-    cell = read_cell(cell_file)
     folder = Path(plan_folder)
+    cell = read_cell(cell_file, assume_class=_stands_on_class(folder))
     target = None if apply is None else Path(apply)
     if target is not None:
         require_new(target, cell.path)
@@ -321,11 +327,13 @@ def run(
         result = correct(Path(program), cell, folder, scans, progress=progress, **options)
         summary = result.summary
         summary["inputs"] = inputs_of(program, cell_file)
+        summary |= assumed(cell)
         if target is not None and place is not None:
             from counterflex.app.correction.causes import apply_constants
 
             summary["applied"] = apply_constants(result, cell, target, place, scans)
         about = {key: summary[key] for key in ("program", "cell", "robot", "counterflex")}
+        about |= {} if cell.class_stiffness is None else {CLASS_ASSUMED: True}
         about |= {key: summary[key] for key in (WORKING_PLANE,) if key in summary}
         lowered = summary["calm_feed"]["extra_s"]
         for name, text in result.files.items():

@@ -244,6 +244,21 @@ class QuotedPart:
     tolerances_m: Tolerances | None = None
     not_measured: tuple[str, ...] = ()  # Names of tolerances of the CAD file that no face holds
 
+    def require_made(self) -> None:
+        """Refuse tolerances of other features than the program makes, before minutes of drawing.
+
+        Raises:
+            InputError: None of them names a feature of the program.
+        """
+        given, made = list(self.tolerances_m or {}), [one.name for one in self.features]
+        if given and not {feature for feature, _ in given} & set(made):
+            raise InputError(
+                "none of the tolerances is of what the program makes",
+                value=f"{given[0][1]} of {given[0][0]}",
+                limit=", ".join(made) or "nothing",
+                hint="Features are named as in the table of inspect and prove",
+            )
+
     def quoted(self, errors: PathErrors) -> Quoted:
         """Measure the features on every drawn part.
 

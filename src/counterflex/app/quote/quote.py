@@ -138,6 +138,7 @@ def quote(
     parts[READING](0.0)
     drawing = drawing_of(part, program, cell, reading)
     job, cell = drawing.job, drawing.cell
+    drawing.require_made()
     require_stiffness_for(job, cell, silent)
     with faults_in(job):
         plan = make_plan(

@@ -103,7 +103,7 @@ class CellPage:
         with ui.element("div").classes("st-joints") as self._joints:
             for k in range(1, 7):
                 with ui.element("div"):
-                    self._axes.append(ui.number(f"A{k}", value=0.0, step=1.0, format="%.1f", on_change=self._move))
+                    self._axes.append(ui.number(f"A{k}, deg", value=0.0, step=1.0, format="%.1f", on_change=self._move))
                     self._slides.append(ui.slider(min=-180, max=180, step=0.5, value=0.0).bind_value(self._axes[-1]))
                 self._axes[-1].props("dense")
                 self._slides[-1].props(f'aria-label="A{k}" data-test="a{k}"')

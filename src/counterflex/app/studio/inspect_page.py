@@ -26,6 +26,8 @@ from counterflex.core.next_command import next_command
 
 _EXPECTED: Final = ("now_p997_um", "next_p997_um", "next_5_percent_um", "next_95_percent_um")
 
+_STYLES: Final = {texts.WITHIN[True]: "st-ok", texts.WITHIN[False]: "st-fail"}
+
 
 class InspectPage:
     """A scan of the part, its judgement, the program of the next part."""
@@ -148,21 +150,29 @@ class InspectPage:
     def _show_features(self, folder: str, summary: dict[str, Any]) -> None:
         ui.label(folder).classes("st-title")
         result_links(self._desk, folder)
-        rows = []
-        for one in summary["features"]:
-            part = one["part"]
-            rows.append(
-                [
-                    one["feature"],
-                    one["quantity"],
-                    f"{part['worst_mm']:.3f} ({one['nominal_mm']:g})",
-                    f"+- {one['tolerance_mm']:g}",
-                    texts.WITHIN[part["within"]],
-                ]
-            )
+        rows = feature_rows(summary["features"])
         made = table(texts.FEATURE_COLUMNS, rows, mark="features")
         for row, line in zip(rows, list(made)[1:], strict=True):
-            line.classes("st-ok" if row[-1] == texts.WITHIN[True] else "st-fail")
+            line.classes(_STYLES.get(row[-1], ""))
+
+
+def feature_rows(features: list[dict[str, Any]]) -> list[list[str]]:
+    """Features of an inspected part as the page shows them; one that the scan does not hold is said to be so."""
+    rows = []
+    for one in features:
+        part = one.get("part")
+        measured = texts.NOT_FOUND if part is None else f"{part['worst_mm']:.3f}"
+        within = None if part is None else part["within"]
+        rows.append(
+            [
+                one["feature"],
+                one["quantity"],
+                f"{measured} ({one['nominal_mm']:g})",
+                f"+- {one['tolerance_mm']:g}",
+                texts.WITHIN[within],
+            ]
+        )
+    return rows
 
 
 class RunPage:

@@ -72,7 +72,7 @@ class MeasurePage:
         self._form: MeasurementForm | None = None
         self._cell: Cell | None = None
         self._scene: CellScene | None = None
-        self._shown = self._posed = ""
+        self._posed = ""
         self._remarks: list[Remark] = []
         self._checking = self._again = False
         with ui.element("div").classes("st-two st-even"):
@@ -208,21 +208,19 @@ class MeasurePage:
     async def _show_form(self, folder: Path | None) -> None:
         """Show a form where it is another one than before."""
         if folder is None:
-            self._form, self._remarks, self._shown = None, [], ""
+            self._form, self._remarks = None, []
             self._how.clear()
             return
         names = [PROPOSAL, *form_names(self._recipe.value)]
         if not all((folder / name).is_file() for name in names):
-            self._form, self._remarks, self._shown = None, [], ""
+            self._form, self._remarks = None, []
             self._readings.set_visibility(False)
             self.fault.show(texts.NO_FORM.format(folder=self._desk.project.name(folder)))
             self._show_how(folder)
             return
-        mark = " ".join(f"{folder / name} {(folder / name).stat().st_mtime_ns}" for name in names)
-        if mark == self._shown:
+        if self._form is not None and self._form.folder == folder and await asyncio.to_thread(self._form.is_current):
             return
-        form = await self.fault.during(MeasurementForm.read, folder, self._recipe.value)
-        self._form, self._shown = form, mark
+        form = self._form = await self.fault.during(MeasurementForm.read, folder, self._recipe.value)
         self._mapping.clear()
         self._show_how(folder)
         if form is None:
@@ -275,8 +273,6 @@ class MeasurePage:
         await self.fault.during(form.save)
         if self.fault.shown:
             return
-        names = [PROPOSAL, *form_names(self._recipe.value)]
-        self._shown = " ".join(f"{form.folder / name} {(form.folder / name).stat().st_mtime_ns}" for name in names)
         await self._judge()
 
     async def _judge(self) -> None:

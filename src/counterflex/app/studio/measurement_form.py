@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -72,6 +73,7 @@ class MeasurementForm:
     rows: list[list[str]]
     sigma: dict[tuple[str, str], float] = field(default_factory=dict)  # by channel and unit
     _seen: tuple[bytes, bytes] = (b"", b"")
+    _saving: threading.Lock = field(default_factory=threading.Lock)  # entries come faster than a slow disk takes them
 
     @classmethod
     def read(cls, folder: Path, recipe: str) -> MeasurementForm:
@@ -168,12 +170,21 @@ class MeasurementForm:
             if all(_NUMBER.fullmatch(row[k]) for k in places)
         }
 
+    def is_current(self) -> bool:
+        """Return whether the files are as this form has read or written them."""
+        with self._saving:
+            return self._content() == self._seen
+
     def save(self) -> None:
         """Write table and manifest: columns that are empty throughout are left out of the manifest, and rows too.
 
         Raises:
             OutputError: Another program has changed a file since it was read.
         """
+        with self._saving:
+            self._save()
+
+    def _save(self) -> None:
         if self._content() != self._seen:
             raise OutputError(texts.FORM_CHANGED, where=str(self.folder), hint=texts.FORM_CHANGED_HINT)
         doc: Any = tomlkit.parse(self._seen[0].decode("utf-8", "replace"))
@@ -271,7 +282,8 @@ def check_readings(recipe: str, manifest: Path, cell: Path) -> ReadingCheck:
     try:
         task = prepare(recipe, [manifest], cell)
         # Predicting the same readings spares the fits of the folds: their error says nothing, and is not shown.
-        estimate = task.recipe.identify(model_of(task.cell), task.data, task.data, task.settings)
+        settings = {**task.settings, **task.recipe.quick}
+        estimate = task.recipe.identify(model_of(task.cell), task.data, task.data, settings)
     except (FileFormatError, InputError, ModelError) as fault:
         return _refused(fault)
     except (ArithmeticError, np.linalg.LinAlgError) as fault:  # too few readings for the algebra

@@ -193,6 +193,7 @@ class PlanPage:
         summary = self._desk.project.summary(folder)
         with card("st-card", f"plan-{folder}"):
             ui.label(f"{folder}: {language(summary)}").classes("st-title")
+            self._show_other_cell(folder)
             headline = (summary.get("prediction") or {}).get("headline")
             if headline is not None:
                 error_bars(texts.EXPECTED, headline["before_mm"], headline["after_mm"], mark=f"bars-{folder}")
@@ -207,11 +208,16 @@ class PlanPage:
                         ui.label(warning)
             result_links(self._desk, folder)
 
+    def _show_other_cell(self, folder: str) -> None:
+        if not self._desk.project.made_with(folder, self._desk.cell):
+            ui.label(f"{folder}: {texts.OTHER_CELL}").classes("st-warn")
+
     def _show_proof(self, folder: str) -> None:
         variants = self._desk.project.summary(folder)["variants"]
         before, after = (variants[name]["path"]["p997_mm"] for name in ("nominal", "compensated"))
         with card("st-card", f"proof-{folder}"):
             ui.label(folder).classes("st-title")
+            self._show_other_cell(folder)
             error_bars(texts.PROVED, (before, before, before), (after, after, after), mark=f"bars-{folder}")
             result_links(self._desk, folder)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from dataclasses import replace
 
 import numpy as np
 from nicegui import background_tasks, ui
@@ -76,7 +77,10 @@ class ProgramPage:
         plan = self._desk.project.inside(f"{self._plan.value}/plan.parquet") if self._plan.value else None
         if self._way is None or plan is None:
             return self._way
-        return self._way.with_plan(plan, self._desk.cell_file)
+        way = self._way.with_plan(plan, self._desk.cell_file)
+        if self._desk.project.made_with(self._plan.value, self._desk.cell):
+            return way
+        return replace(way, q=None, why=f"{self._plan.value}: {texts.OTHER_CELL}")
 
     def _draw(self) -> None:
         """Send everything to the browser."""

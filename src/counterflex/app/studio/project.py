@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from counterflex.app.robot_programs import digest
 from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
 from counterflex.files.dataset.proposal import PROPOSAL
@@ -61,6 +62,12 @@ class Project:
     def plans(self, program: str) -> list[str]:
         """Folders with a plan for a program, the newest last."""
         return self.results(program, "compensate", "correct")
+
+    def made_with(self, folder: str, cell: str) -> bool:
+        """Return whether a folder of results was made with a cell file as it is now."""
+        inputs = self.summary(folder).get("inputs")
+        made = inputs.get("cell_sha256") if isinstance(inputs, dict) else None
+        return not cell or made is None or made == digest(self.folder / cell)
 
     def forms(self, recipe: str) -> list[str]:
         """Folders with a form of measurements for a recipe, the newest last."""

@@ -45,7 +45,7 @@ OUTSIDE: Final = "This file is not in the folder of the project."
 TOO_LARGE: Final = "The file has more than {limit} MB."
 
 NEW_CELL: Final = "New cell"
-NEW_CELL_HELP: Final = "Robot of the catalogue, with an example spindle, tool, part and programs to try it"
+NEW_CELL_HELP: Final = "Robot of the catalogue, with an example spindle, tool, part and programs"
 ROBOT, FILE_NAME, MAKE_CELL = "Robot", "File name", "Write the cell"
 ROBOT_OPTION: Final = "{model}: {reach} mm, {payload} kg"
 SET, FILE, UNKNOWN = "Choose", "File", "Not known"
@@ -59,7 +59,7 @@ SAVE, REVERT, UNSAVED = "Save", "Read again", "Not saved yet"
 CELL_OK: Final = "The file can be used."
 AT_LINE: Final = "Line {line}: {text}"
 UNKNOWN_OF: Final = "What is not known, by the error it leaves uncorrected {where}"
-UNKNOWN_COLUMNS: Final = ("unknown", "known from", "leaves, mm", "9 of 10 cells, mm", "")
+UNKNOWN_COLUMNS: Final = ("unknown", "known from", "leaves, mm", "9 of 10 cells, mm", "measure by")
 NOT_AT_REST: Final = "in motion only"
 MEASURE: Final = "Measure"
 PUSHED: Final = (
@@ -133,8 +133,11 @@ CHANNELS: Final = {
     "before": ("Predicted error before", "um"),
     "after": ("Predicted error after", "um"),
 }
+OTHER_CELL: Final = (
+    "made with another cell file, or with this one before it was changed: plan again to see it on this cell"
+)
 NO_PLAN: Final = "without a plan"
-NOT_REACHED: Final = "The robot is not shown: {fault}"
+NOT_REACHED: Final = "The robot does not move: {fault}"
 NOT_CUT: Final = "The stock is not cut: {fault}"
 THINNED: Final = "{shown} of {points} points are drawn."
 SUMMARY: Final = "{language}, {lines} lines, {length:.0f} mm in {seconds:.0f} s, tools {tools}"
@@ -147,6 +150,7 @@ SCENE: Final = {
     "line": "line",
     "time": "s",
     "slider": "Time along the program",
+    "most": "One scale before and after; here at most",
 }
 
 CHECK, CHECK_HELP = "Check the program", "Reach, joints, collisions, speeds, process: {counts}"
@@ -197,7 +201,8 @@ ACCEPT: Final = "This is the plan of the next part"
 HISTORY: Final = "Parts of this program: deviation in mm"
 HISTORY_COLUMNS: Final = ("part", "scan", "surface, 99.7 %", "path, rms", "changed against the part before")
 EXPECTED_PART: Final = "expected of the next part"
-FEATURE_COLUMNS: Final = ("feature", "quantity", "measured", "tolerance", "verdict")
+FEATURE_COLUMNS: Final = ("feature", "quantity", "measured (nominal), mm", "tolerance, mm", "verdict")
+NOT_FOUND: Final = "not found"
 CORRECTED: Final = "Deviation of the surface, mm (99.7 %): this part, and expected of the next (5 to 95 %)"
 CORRECT_HELP: Final = "Takes back what repeats of the measured deviations; its folder is the plan of the next part"
 NEEDS: Final = "Still missing: {what}"

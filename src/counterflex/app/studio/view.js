@@ -90,9 +90,9 @@ class StudioView extends CellView {
     this.cut = { ...data, mesh, blank, top, cell: new Uint32Array(bytes(data.cell)), done: -1 };
     if (this.stock) this.stock.visible = false;
     this.frame("part").add(mesh);
-    const faint = { vertexColors: true, transparent: true, opacity: 0.35, depthWrite: false };
-    const later = new THREE.LineBasicMaterial({ ...faint, depthFunc: THREE.GreaterDepth }); // still in the stock
-    this.hidden = new THREE.Line(this.lines.geometry, later);
+    const faint = { vertexColors: true, transparent: true, opacity: 0.5, depthWrite: false, size: 3, sizeAttenuation: false };
+    const later = new THREE.PointsMaterial({ ...faint, depthFunc: THREE.GreaterDepth }); // still in the stock
+    this.hidden = new THREE.Points(this.lines.geometry, later);
     this.hidden.frustumCulled = false;
     this.frame("part").add(this.hidden);
   }
@@ -209,7 +209,8 @@ export default {
       <p v-if="!drawn" class="st-empty">{{ words.empty }}</p>
       <button v-if="drawn" class="st-small st-corner" type="button" @click="look">{{ near ? words.far : words.near }}</button>
       <div v-if="way && shown" class="st-legend"><b>{{ shown.title }}</b><i></i>
-        <span>{{ number(shown.low) }}</span><span>{{ number(shown.high) }} {{ shown.unit }}</span></div>
+        <span>{{ number(shown.low) }}</span><span>{{ number(shown.high) }} {{ shown.unit }}</span>
+        <em v-if="shown.most < shown.high">{{ words.most }} {{ number(shown.most) }} {{ shown.unit }}</em></div>
     </div>
     <div v-if="way" class="st-time">
       <button class="st-small" type="button" data-test="play" @click="play">{{ playing ? words.pause : words.play }}</button>
@@ -294,10 +295,11 @@ export default {
       const values = this.d.values[channel] || [];
       // Before and after have one scale, so that the gain is seen.
       const both = ["before", "after"].includes(channel) ? ["before", "after"] : [channel];
-      const counted = both.flatMap((name) => (this.d.values[name] || []).filter((v, k) => v !== null && this.d.cutting[k]));
-      const [low, high] = counted.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
-      if (!counted.length) return;
-      this.shown = { channel, title, unit, low, high };
+      const counted = (name) => (this.d.values[name] || []).filter((v, k) => v !== null && this.d.cutting[k]);
+      const range = (all) => all.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
+      const [low, high] = range(both.flatMap(counted)), most = range(counted(channel))[1];
+      if (low > high) return;
+      this.shown = { channel, title, unit, low, high, most };
       this.view.colour(values, low, high, this.d.cutting);
       this.moved();
     },

@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Out, Program
-from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar, warn
 from counterflex.core.units import UM
 
 _SHOWN = 6
@@ -124,6 +124,8 @@ def show(summary: dict[str, Any], out: Path) -> None:
             f"largest change of the correction {values['change_um']:g} um; surface, 99.7 %: {e['now_p997_um']:g} um "
             f"now, {e['next_p997_um']:g} um ({e['next_5_percent_um']:g} to {e['next_95_percent_um']:g}) expected"
         )
+    if "stiffness" in summary.get("assumed", {}):
+        warn(f"the stiffness of axes is assumed, as in the plan: {summary['assumed']['stiffness']['from']}")
     if "applied" in summary:
         typer.echo(f"wrote {summary['applied']['cell']}: {summary['applied']['explanation']}")
     files = [*summary["files"], "plan.parquet", "path-error.parquet", "parts/", "summary.json"]

@@ -112,6 +112,16 @@ class ScanOptions:
             "FILE",
         ),
     ] = None
+    export_frame: Annotated[
+        str | None,
+        option(
+            "--export-frame",
+            "Frame of the points of --export: part, or base, the foot of the robot, where --cell places the part; by "
+            "default part.",
+            arguments.one_of(("part", "base"), "frame"),
+            "FRAME",
+        ),
+    ] = None
 
     def given(self) -> dict[str, object]:
         """Values by the names of the options."""
@@ -136,17 +146,30 @@ class ScanOptions:
         )
         return How(self.unit, self.datum, self.datum_points, self.aligned, ball_m, clearance_m)
 
-    def map_writer(self) -> Callable[[Path, object], None] | None:
+    def map_writer(self, program: Path, cell: Path) -> Callable[[Path, object], None] | None:
         """Return what writes the deviations that lie in a folder as a map; refuses a name that says no format."""
         if self.export is None:
+            if self.export_frame is not None:
+                raise InputError(
+                    "no map is exported that could have a frame", where="--export-frame", hint="Give --export FILE too"
+                )
             return None
+        from counterflex.app.inputs import read_in_plane
         from counterflex.app.inspection.inspect import DEVIATIONS
+        from counterflex.files.cell.cell import read_cell
         from counterflex.files.deviation_map import require_format, write_deviation_map
         from counterflex.files.part_deviations import read_part_deviations
+        from counterflex.geometry import pose
 
-        export = self.export
+        export, frame = self.export, self.export_frame or "part"
         require_format(export)
-        return lambda folder, _: write_deviation_map(export, read_part_deviations(folder / DEVIATIONS)[0])
+        placed = read_in_plane(program, read_cell(cell))[0]  # deviations are in the axes of the plane it works in
+        R_part_plane = placed.R_part_plane
+        T_part_plane = None if R_part_plane is None else pose.make(R_part_plane)
+        T_frame_part = placed.T_base_part if frame == "base" else T_part_plane
+        return lambda folder, _: write_deviation_map(
+            export, read_part_deviations(folder / DEVIATIONS)[0], T_frame_part, frame
+        )
 
 
 @dataclass(frozen=True)
@@ -301,7 +324,7 @@ def inspect(
         raise InputError("it is a folder", where=f"--before {before}", limit="a scan, as --scan")
     from counterflex.app.inspection import inspect as job
 
-    more = of_scan.map_writer()
+    more = of_scan.map_writer(program, cell)
     how = of_scan.settings() if tool_log is None else of_log.settings()
     with progress_bar(f"inspecting {measured.name}") as progress:
         summary = job.run(
@@ -322,4 +345,5 @@ def inspect(
     show(summary)
     rows = "deviations.parquet" if tool_log is None else "tool-path.parquet"
     say_written(out, f"wrote {out}: {rows}, report.html, summary.json")
-    say_written(of_scan.export, f"wrote {of_scan.export}: deviation_mm, positive = material left")
+    frame = of_scan.export_frame or "part"
+    say_written(of_scan.export, f"wrote {of_scan.export}: deviation_mm, positive = material left, {frame} frame")

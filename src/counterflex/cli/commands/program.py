@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 Program = Annotated[
     Path,
     argument(
-        "G-code, Sinumerik (.mpf), APT (.apt), KRL (.src), RAPID (.mod), FANUC TP (.ls) or VAL3 (.pgx).",
+        "G-code, Sinumerik (.mpf), APT (.apt), KRL (.src), RAPID (.mod), FANUC TP (.ls), VAL3 (.pgx), Klartext (.h) or "
+        "INFORM (.jbi).",
         arguments.file,
         "PROGRAM",
     ),

@@ -264,10 +264,10 @@ def show_proof(summary: dict[str, Any], out: Path) -> None:
     )
     peak = summary["prediction"]
     typer.echo(
-        f"predicted peak force {peak['peak_force_n']['value']:.0f} N and deflection "
-        f"{peak['peak_deflection_um']['value'] / 1000:.2f} mm in {line_of(peak['peak_force_n'])}, "
-        f"depth {peak['peak_axial_depth_mm']['value']:.1f} mm, joints "
-        f"{json.dumps([round(v, 1) for v in peak['peak_deflection_um']['joints_deg']])} deg"
+        f"predicted peak force {peak['peak_force_n']['value']:.0f} N in {line_of(peak['peak_force_n'])}, "
+        f"axial depth {peak['peak_axial_depth_mm']['value']:.1f} mm in {line_of(peak['peak_axial_depth_mm'])}, "
+        f"deflection {peak['peak_deflection_um']['value'] / 1000:.2f} mm in {line_of(peak['peak_deflection_um'])} "
+        f"with the axes at {json.dumps([round(v, 1) for v in peak['peak_deflection_um']['joints_deg']])} deg"
     )
     for warning in summary.get("written", {}).get("warnings", ()):
         warn(warning)

@@ -125,7 +125,8 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str, ball_radius_m: floa
             "the scan fits the part in two poses about as well",
             where=where,
             value=f"{_mm(best.score_m)} and {_mm(other.score_m)} off in the mean",
-            hint="Give three or more points of the scan and of the part: --datum-points FILE",
+            hint="Give three or more points of the scan and of the part: --datum-points FILE, or --aligned "
+            "where the scan is in the part frame already",
         )
     return best
 

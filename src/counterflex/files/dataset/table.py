@@ -23,6 +23,8 @@ from counterflex.core.similar import close_to
 from counterflex.files.dataset.instrument_files import instrument_columns
 from counterflex.files.dataset.manifest import FileTable
 
+_SHOWN: Final = 16
+"""Columns of a file that are named where one is not there."""
 _NUMBER: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _MISSING: Final = frozenset({"", "nan", "#n/a", "n/a", "na", "#nv", "null", "none", "-", "--"})
 """Cells that hold no number, as spreadsheets and instruments write them."""
@@ -87,10 +89,8 @@ class TextTable:
         if other is not None:
             return f"The file has one column only. {other}"
         close = close_to(column, self.header, 1)
-        if close:
-            return f"Did you mean '{close[0]}'?"
-        shown = ", ".join(self.header[:12]) + (", ..." if len(self.header) > 12 else "")
-        return f"Columns: {shown}"
+        shown = ", ".join(self.header[:_SHOWN]) + (", ..." if len(self.header) > _SHOWN else "")
+        return (f"Did you mean '{close[0]}'? " if close else "") + f"Columns: {shown}"
 
     def numbers(self, place: int) -> tuple[Float, Bool]:
         """Numbers of a column and which rows have none.

@@ -84,7 +84,7 @@ MOST_COST: Final = 20.0
 """How many times larger a rest may make the standard deviation of the mass. A rest of degree 1 in the base holds the
 weight itself, so that only priors tell the two apart; where weight leaves only noise, it is not worth that."""
 BASE: Final = "base"
-_DEGREES: Final = {"auto": (1, 2), "none": (), "0": (), "1": (1,), "2": (2,)}
+_DEGREES: Final = {"auto": (1, 2), "none": (), "0": (), "once": (1,), "1": (1,), "2": (2,)}
 _ARM: Final = slice(2, 4)
 """Of the bodies that axes drive, those that hose packs come from: forearm, before and behind axis 4."""
 
@@ -106,12 +106,12 @@ class HoseTerms:
         return (self.hose_from if self.degree and self.hose_from else BASE, self.degree)
 
 
-def degrees_of(settings: Mapping[str, Any]) -> tuple[int, ...]:
-    """Degrees that the setting ``hose`` allows. Raises InputError: an unknown value."""
+def degrees_of(settings: Mapping[str, Any], count: int) -> tuple[int, ...]:
+    """Degrees that the setting ``hose`` allows with a number of orientations. Raises InputError: an unknown value."""
     hose = str(settings.get("hose", "auto"))
     if hose not in _DEGREES:
-        raise InputError("setting hose", value=hose, limit="auto, none, 1 or 2")
-    return _DEGREES[hose]
+        raise InputError("setting hose", value=hose, limit="auto, none, once, 1 or 2")
+    return () if hose == "once" and count < ROWS_PER_FUNCTION * COUNTS[1] else _DEGREES[hose]
 
 
 def frames_of(settings: Mapping[str, Any], bodies: Sequence[str], *, with_joints: bool) -> tuple[str, ...]:
@@ -120,7 +120,7 @@ def frames_of(settings: Mapping[str, Any], bodies: Sequence[str], *, with_joints
     ``with_joints``: The data say where the axes stand; without, only the base can be tried. Raises InputError: a body
     that no hose pack can come from.
     """
-    setting = str(settings.get("hose_from", "auto"))
+    setting = BASE if settings.get("hose") == "once" else str(settings.get("hose_from", "auto"))
     if setting == "auto":
         return ("", *bodies[_ARM]) if with_joints else ("",)
     if setting != BASE and setting not in bodies:

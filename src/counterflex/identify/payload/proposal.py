@@ -54,7 +54,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     """
     if count < 3:
         raise InputError("orientations to propose", value=count, limit=">= 3 (8 or more for a check)")
-    hose, degrees = str(settings.get("hose", "auto")), degrees_of(settings)
+    hose, degrees = str(settings.get("hose", "auto")), degrees_of(settings, count)
     many = count >= ROWS_PER_FUNCTION * (COUNTS[1] + 1)
     degree = int(many) if hose == "auto" else max(degrees, default=0)
     sensor, chain = sensor_before(cell), cell.chain

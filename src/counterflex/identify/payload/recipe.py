@@ -79,7 +79,8 @@ def identify(inputs: Inputs) -> Identification:
     """Find the constants of the flange sensor from readings without a process.
 
     ``inputs``: The sensor before; ``sensor_poses`` and ``sensor_motion``. Setting ``hose`` is ``auto``, ``none``, ``1``
-    or ``2`` (degree of its functions), ``hose_from`` ``auto``, ``base`` or the body that the hose pack comes from.
+    or ``2`` (degree of its functions), or ``once`` (degree 1 in the base where the orientations suffice, compared with
+    nothing); ``hose_from`` is ``auto``, ``base`` or the body that the hose pack comes from.
 
     Raises:
         InputError: Too few orientations, or data that fit far better when read otherwise.
@@ -92,16 +93,16 @@ def identify(inputs: Inputs) -> Identification:
         [reader.block(d, cell.chain) for d in data], [d.kind != "sensor_motion" for d in data]
     )
     blocks = reader.blocks(data, groups, cell.chain)
-    degrees = hose_pack.degrees_of(s)
-    bodies = hose_bodies(cell.chain, sensor.segment)
-    frames = hose_pack.frames_of(s, bodies, with_joints=all(d.has("q") for d in (*data, *holdout)))
+    degrees = hose_pack.degrees_of(s, sensor_data.count_of(blocks))
+    each = dict.fromkeys((*data, *holdout))  # a file that judges itself is checked once
+    frames = hose_pack.frames_of(s, hose_bodies(cell.chain, sensor.segment), with_joints=all(d.has("q") for d in each))
     parts = in_parts(progress, _work(hose_pack.trials_of(blocks, degrees, frames, forced=forced)))
     remarks = list(sensor_data.check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
     as_read = partial(reader.block, chain=cell.chain)
-    for i, d in enumerate((*data, *holdout)):
+    for i, d in enumerate(each):
         remarks += check_axes(d, as_read, as_stated=as_stated)
         remarks += check_units(d, sensor, as_read, as_stated=as_stated)
-        parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
+        parts[CHECKING]((i + 1) / len(each))
     before = _at(sensor, reader.reference_c)
     known = replace(
         residuals.Knowledge(),
@@ -353,4 +354,7 @@ def _pictures(blocks: Sequence[residuals.SensorReadings], force: HeldOut, moment
     return tuple(out)
 
 
-RECIPE = Recipe(name="payload", title=TITLE, kinds=sensor_data.KINDS, settings=SETTINGS, find=identify, propose=propose)
+RECIPE = Recipe(
+    name="payload", title=TITLE, kinds=sensor_data.KINDS, settings=SETTINGS, find=identify, propose=propose,
+    quick={"hose": "once"},
+)  # fmt: skip

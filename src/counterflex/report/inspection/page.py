@@ -306,7 +306,7 @@ class InspectionData:
             cells: list[dict[str, Any]] = []
             for name in self.deviations:
                 if name not in row.worst_m:
-                    cells.append({"value": "not found", "off": "", "sigma": "", "ok": False, "share": "0 % seen"})
+                    cells.append({"value": "not found", "off": "", "sigma": "", "ok": None, "share": ""})
                     continue
                 cells.append(
                     {
