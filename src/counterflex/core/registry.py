@@ -8,13 +8,14 @@ for by its name: a broken package stops only the commands that use it.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import importlib
 import importlib.metadata
 import pkgutil
-from collections.abc import Iterator, Mapping
-from types import MappingProxyType
-from typing import Any, Final, Generic, TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType, UnionType
+from typing import Any, Final, Generic, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from counterflex.core.errors import InputError
 from counterflex.core.similar import close_to
@@ -51,6 +52,39 @@ def imported(place: str) -> Any:
     """Return the object at ``module:object``, imported now."""
     module, _, attribute = place.partition(":")
     return getattr(importlib.import_module(module), attribute)
+
+
+def misfits(thing: Any) -> Iterator[str]:
+    """One sentence for each field of a record, and of records in it, whose value is not of the declared type."""
+    if not dataclasses.is_dataclass(thing):
+        return
+    declared = get_type_hints(type(thing))
+    for field in dataclasses.fields(thing):
+        value, kind = getattr(thing, field.name), declared[field.name]
+        if not _fits(value, kind):
+            shown = kind.__name__ if isinstance(kind, type) and not get_args(kind) else kind
+            yield f"{field.name} = {value!r:.60} is no {str(shown).replace('collections.abc.', '').replace('typing.', '')}"
+        yield from (f"{field.name}.{wrong}" for wrong in misfits(value))
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Return whether a value is of a type; True for types that cannot be tested at run time."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return any(_fits(value, one) for one in inner)
+    if origin is Literal:
+        return value in inner
+    if origin is Callable:
+        return callable(value)
+    if origin is tuple:
+        kinds = inner[:1] * len(value) if isinstance(value, tuple) and inner[-1:] == (...,) else inner
+        return isinstance(value, tuple) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return isinstance(value, Mapping) and all(_fits(k, inner[0]) and _fits(v, inner[1]) for k, v in value.items())
+    kind = origin or kind
+    if kind in (int, float):
+        return isinstance(value, int if kind is int else int | float) and not isinstance(value, bool)
+    return not isinstance(kind, type) or getattr(kind, "_is_protocol", False) or isinstance(value, kind)
 
 
 class Registry(Generic[T]):
@@ -133,6 +167,9 @@ class Registry(Generic[T]):
                 limit=f"an instance of {self.kind.replace(':', '.')}",
                 hint=hint,
             )
+        wrong = next(misfits(result), None)
+        if wrong is not None:
+            raise InputError(f"the {self.what} of another package has a wrong part: {wrong}", where=where, hint=hint)
         thing: T = result
         return thing
 

@@ -98,8 +98,11 @@ def foreign_language(lines: Sequence[str]) -> Foreign | None:
     Returns:
         The language, or None where nothing tells it.
     """
-    shown = list(_shown(lines))
+    plain = list(_shown(lines))
+    whole = [*plain, *((number, lines[number - 1].strip()) for number, _ in plain)]
+    robots = {one.signs.name for _, one in LANGUAGES.items() if one.robot and one.signs is not None}
     for signs, sure, likely in _compiled():
+        shown = whole if signs.name in robots else plain  # Brackets hold no comments in languages of robots
         for number, text in shown:
             if any(sign.search(text) for sign in sure):
                 return Foreign(signs.name, number, text[:60], signs.hint)

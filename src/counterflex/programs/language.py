@@ -34,6 +34,11 @@ class StatementForms:
     data_key: Literal["tool_data", "tooldata"]  # Key of ``[[tools]]`` that names the tool frame on the controller
     end: str = ""  # What every statement of the cell file's table ends in, and no condition has; empty where nothing
 
+    def __post_init__(self) -> None:
+        if self.pause.count("{}") != 1 or not self.comment:
+            raise InputError("forms need a pause with one {} for the time, and a sign that begins a comment",
+                             value=(self.pause, self.comment))  # fmt: skip
+
     @classmethod
     def of(cls, dialect: str) -> StatementForms:
         """Statements that writers of a robot's language add themselves."""
@@ -52,12 +57,22 @@ Place = str | Callable[..., Any] | None
 
 @dataclass(frozen=True)
 class Signs:
-    """Signs of a language in the first lines of a text."""
+    """Signs of a language in the first lines of a text, without capitals and blanks around.
 
-    name: str  # As people call the language
+    Those of machines and of languages that are not read are looked for in lines without what G-code takes for comments.
+    """
+
+    name: str  # As people call the language; that of a row of ``foreign_language`` replaces the row
     sure: tuple[str, ...]  # Regular expressions; a line that matches one is enough
     likely: tuple[str, ...] = ()  # Two lines are needed that match different ones
     hint: str = ""  # What to do with such a file; empty names dialect and ending
+
+    def __post_init__(self) -> None:
+        for sign in (*self.sure, *self.likely):
+            try:
+                re.compile(sign, re.IGNORECASE)
+            except re.error as fault:
+                raise InputError(f"a sign of {self.name} is no regular expression: {fault}", value=sign) from fault
 
 
 @dataclass(frozen=True)
@@ -103,9 +118,24 @@ class Language:
     write: Place = None  # ``(WritingOrder) -> Written``: a program of another language, compensated, in this one
     # ``(Conversion) -> Emitter``: the same without a correction; see :mod:`counterflex.app.conversion`
     convert: Place = None
-    # ``(Loading) -> tuple[Fact, ...]``: what the controller must have set, see
+    # ``(files, Cell, tools) -> tuple[Fact, ...]``: what the controller must have set, see
     # :func:`counterflex.app.compensation.next_steps.to_load`
     load: Place = None
+
+    def __post_init__(self) -> None:
+        wrong = [one for one in self.endings if not re.fullmatch(r"\.[^.\sA-Z]+", one)]
+        if wrong:
+            raise InputError("an ending is a dot and lower-case characters", value=repr(self.endings), limit="('.prg',)")
+        if self.comment is not None and self.comment.groups < 1:
+            raise InputError("the comment of a language needs a group, its text", value=self.comment.pattern)
+        needed = {
+            "read": self.in_place is not None or self.convert is not None,
+            "cell": self.robot and self.read is not None,
+        }
+        missing = next((part for part, needs in needed.items() if needs and getattr(self, part) is None), None)
+        if missing is not None:
+            raise InputError(f"in_place and convert need read, and read of a robot cell: {missing} is missing",
+                             value=self.title)  # fmt: skip
 
     @property
     def robot(self) -> bool:
@@ -114,8 +144,17 @@ class Language:
 
 
 def object_at(place: Place) -> Any:
-    """Return the object at a place of a language, imported now."""
-    return imported(place) if isinstance(place, str) else place
+    """Return the object at a place of a language, imported now.
+
+    Raises:
+        InputError: It cannot be imported.
+    """
+    if not isinstance(place, str):
+        return place
+    try:
+        return imported(place)
+    except (ImportError, AttributeError) as fault:
+        raise InputError(f"a part of a language cannot be imported: {fault}", value=place) from fault
 
 
 LANGUAGES: Final[Registry[Language]] = Registry(
@@ -150,11 +189,11 @@ def at_prompt(part: str, *, own: bool = False) -> dict[str, str]:
         part: Field of :class:`Language`.
         own: Without those of other packages.
     """
-    return {
-        one.prompt or name: name
-        for name, one in LANGUAGES.items()
-        if getattr(one, part) is not None and (name in LANGUAGES.own or not own)
-    }
+    found: dict[str, str] = {}
+    for name, one in LANGUAGES.items():
+        if getattr(one, part) is not None and (name in LANGUAGES.own or not own):
+            found.setdefault(one.prompt or name, name)  # Our own come first, so that no package takes their names
+    return found
 
 
 def dialect_at(prompt: str, part: str) -> str:

@@ -24,6 +24,12 @@ class Limits:
     angle_decimals: int  # Decimals of an angle in deg (quaternion components in RAPID)
     source: str  # Where the figures come from
 
+    def __post_init__(self) -> None:
+        least = {"line_characters": 1, "name_characters": 1, "points_per_file": 1, "position_decimals": 0}
+        for name, low in {**least, "angle_decimals": 0}.items():
+            if getattr(self, name) < low:
+                raise InputError(f"{name} of a controller is out of range", value=getattr(self, name), limit=f">= {low}")
+
 
 LINUXCNC: Final = Limits(
     line_characters=252,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
@@ -26,6 +25,7 @@ from counterflex.plan.plan import Plan, job_hash
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.language import GCODE, LANGUAGES, dialect_at, object_at
 from counterflex.programs.program import Program
+from counterflex.programs.robot_writer.writer import RobotWriter, require_language
 from counterflex.programs.rotary.poses import CommandedWords
 
 RESULTS: Final = ("plan.parquet", "summary.json", "report.html")
@@ -178,8 +178,9 @@ def writer_settings(order: WritingOrder, dialect: str, *, moving: bool = True) -
     }
 
 
-def robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, dialect: str) -> Written:
-    """Write a path as a robot program, with what stays out of it as warnings."""
+def robot_text(order: WritingOrder, writer: type[RobotWriter[Any]], settings: Any, dialect: str) -> Written:
+    """Write a path as a robot program by a class of writers, with what stays out of it as warnings."""
+    require_language(writer.language, dialect)
     job = order.job
     lines = order.cell.machine_functions(dialect).lines
     text = writer(

@@ -15,7 +15,7 @@ from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords
+from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, require_language
 
 S = TypeVar("S", bound=RobotSettings)
 FLAT_M: Final = 1e-7
@@ -39,6 +39,8 @@ class RobotEmitter(RobotWords[S], ProgramEmitter, Generic[S]):
 
     def __init__(self, program: Program, settings: S, functions: MachineFunctions, tolerance_m: float) -> None:
         super().__init__(program.name, settings.name, tolerance_m)
+        settings.check()
+        require_language(self.language, functions.language)
         self.settings, self.functions = settings, functions
         self.robot_source = isinstance(program, RobotProgram)
         self.tool = next((motion.tool for motion in program.motions if motion.tool), 0)

@@ -205,6 +205,12 @@ class RobotWords(ABC, Generic[S]):
         """
 
 
+def require_language(words: str, dialect: str) -> None:
+    """Refuse words of another language: their pause would be written. Raises InputError."""
+    if words != dialect:
+        raise InputError("the writer has words of another language", value=words, limit=dialect)
+
+
 class RobotWriter(RobotWords[S], Generic[S]):
     """Writes a commanded path as a robot program in the part frame, with a linear motion to every point.
 

@@ -70,6 +70,11 @@ class Maker:
     words_of: Callable[[Float], dict[str, float]] | None = None
     set_up: str = ""  # file of the demonstration that sets up its link to the loop; empty: the cell file says all
 
+    def __post_init__(self) -> None:
+        if sorted({abs(sign) for sign in self.signs}) != [1] or len(self.signs) != 6 or len(self.offsets_deg) != 6:
+            raise InputError("a maker has six signs, 1 or -1, and six offsets",
+                             value=f"{self.signs} and {self.offsets_deg}")  # fmt: skip
+
     def orientation(self, R: Float) -> dict[str, float]:
         """Words of an orientation (3, 3) as the pendant shows them."""
         return turns_zyx(R) if self.words_of is None else self.words_of(R)

@@ -1,4 +1,4 @@
-"""Read MELFA-BASIC: Mov, Mvs, Mvr, Spd, Cnt, Dly, Hlt, End, and positions ``P1=(X,Y,Z,A,B,C)(7,0)``.
+"""Read MELFA-BASIC: Mov, Mvs, Mvr, Spd, Cnt, Dly, Hlt, CallP, End, and positions ``P1=(X,Y,Z,A,B,C)(7,0)``.
 
 Positions are in the frame that ``Base`` sets, which is the part frame; ``R = Rz(C) Ry(B) Rx(A)``.
 """
@@ -17,7 +17,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM, MM_PER_S
 from counterflex.geometry import pose, rotation
-from counterflex.programs.program import TOOL_VECTOR, Block
+from counterflex.programs.program import TOOL_VECTOR, Block, Word
 from counterflex.programs.robot_text.cell import RobotTextCell
 from counterflex.programs.robot_text.execution import Execution, tilted, with_axes
 from counterflex.programs.robot_text.process_words import ProcessWords
@@ -26,6 +26,7 @@ from counterflex.programs.source_text import read_text
 
 _POSITION: Final = re.compile(r"\s*(P\d+)\s*=\s*\(([^()]*)\)\s*\((\d+)\s*,\s*-?\d+\)\s*", re.IGNORECASE)
 _FRAME: Final = re.compile(r"\s*(Base|Tool)\s*\(([^()]*)\)\s*", re.IGNORECASE)
+_CALL: Final = re.compile(r'\s*CallP\s*"(\w+)"\s*', re.IGNORECASE)
 _WORD: Final = re.compile(r"\s*(\w+)\s*(.*?)\s*")
 
 
@@ -52,23 +53,30 @@ class MelfaProgram(RobotProgram):
 class _Reader(Execution):
     """Executes a program line by line."""
 
-    def __init__(self, lines: list[str], name: str, cell: RobotTextCell | None) -> None:
+    def __init__(self, file: Path, cell: RobotTextCell | None, *, complete: bool) -> None:
         self.tool = 0 if cell is None else cell.only_tool
         super().__init__(self)
-        self.lines, self.name, self.cell, self.at = lines, name, cell, 0
+        self.file, self.cell, self.complete, self.part = file, cell, complete, ""
         self.words = None if cell is None else ProcessWords(cell.functions, code_of)
-        self.positions = {m[1].upper(): (frame(m[2]), int(m[3])) for m in map(_POSITION.fullmatch, lines) if m}
-        self.speed, self.continuous, self.ended = 0.0, False, False
+        self.speed, self.continuous = 0.0, False
         self.exact: set[int] = set()
         self.flags: list[int | None] = []
 
     def fault(self, what: str, hint: str = "Write it by hand") -> ProgramError:
         return ProgramError(what, where=f"{self.name}:{self.at + 1}", value=self.lines[self.at].strip(), hint=hint)
 
-    def run(self) -> None:
-        while self.at < len(self.lines):
+    def run(self, lines: list[str], name: str) -> None:
+        """Execute a file; a part that it calls is executed by another call."""
+        self.lines, self.name, self.at, self.ended = lines, name, 0, False
+        self.positions = {m[1].upper(): (frame(m[2]), int(m[3])) for m in map(_POSITION.fullmatch, lines) if m}
+        while self.at < len(lines):
             first, taken = len(self.motions), 1
             code = code_of(self.lines[self.at]).strip()
+            if called := _CALL.fullmatch(code):  # The motions of a part are those of its own blocks
+                self._blocks.append(Block(self.at + 1, lines[self.at], (), self.modal("G1"), first, 0, file=self.part))
+                self.call(called[1])
+                self.at += 1
+                continue
             word = None if self.words is None else self.words.find(self.lines, self.at, f"{self.name}:{self.at + 1}")
             if word is not None:
                 self.do(word)
@@ -77,9 +85,21 @@ class _Reader(Execution):
                 self.statement(code, len(self._blocks))
             modal = self.modal(self.motion_code(first))
             words, self._words = tuple(self._words), []
-            text, count = self.lines[self.at], len(self.motions) - first
-            self._blocks.append(Block(self.at + 1, text, words, modal, first, count))
+            count = len(self.motions) - first
+            self._blocks.append(Block(self.at + 1, lines[self.at], words, modal, first, count, file=self.part))
             self.at += taken
+        if self.complete and not self.ended:
+            raise ProgramError("the program has no End", where=name, hint="It may have been cut off")
+
+    def call(self, name: str) -> None:
+        """Execute the part beside the program."""
+        file, state = self.file.with_name(f"{name}.prg"), (self.lines, self.name, self.at, self.positions)
+        if self.part or not file.is_file():
+            raise self.fault("a part that is not beside the program, or of a part")
+        self.part = file.name
+        self.run(read_text(file)[0].splitlines(), file.name)
+        self.lines, self.name, self.at, self.positions = state
+        self.part = ""
 
     def statement(self, code: str, block: int) -> None:
         framed = _FRAME.fullmatch(code)
@@ -106,7 +126,9 @@ class _Reader(Execution):
                 self.circle(targets[1][0][:3, 3], self.fault)
             if not self.continuous:
                 self.exact.add(len(self.motions) - 1)
-        elif word != "HLT":
+        elif word == "HLT":
+            self._words.append(Word("M", 0.0, 0, 0))
+        else:
             self.acting.append(self.at + 1)
 
     def check_frame(self, name: str, T: Float) -> None:
@@ -142,16 +164,15 @@ def read_file(
     """
     file = Path(path)
     text, encoding = read_text(file)
-    reader = _Reader(text.splitlines(), file.name, cell)
-    reader.run()
-    if complete and not reader.ended:
-        raise ProgramError("the program has no End", where=file.name, hint="It may have been cut off")
+    lines = text.splitlines()
+    reader = _Reader(file, cell, complete=complete)
+    reader.run(lines, file.name)
     rotations = np.array(reader.rotations).reshape(-1, 3, 3)
     leans = tilted(rotations)
     blocks = tuple(reader.blocks(TOOL_VECTOR if leans else 0))
     motions = tuple(with_axes(reader.motions, rotations) if leans else reader.motions)
     return MelfaProgram(
-        name=file.name, dialect="melfa", lines=tuple(reader.lines), newline="\n", blocks=blocks, motions=motions,
-        straight=True, encoding=encoding, Rs_part_tcp=rotations, acting=tuple(reader.acting),
+        name=file.name, dialect="melfa", lines=tuple(lines), newline="\n", blocks=blocks, motions=motions,
+        straight=len({block.file for block in blocks}) == 1, encoding=encoding, Rs_part_tcp=rotations, acting=tuple(reader.acting),
         exact=frozenset(reader.exact), flags=tuple(reader.flags),
     )  # fmt: skip

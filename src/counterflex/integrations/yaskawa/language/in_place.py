@@ -14,7 +14,7 @@ from counterflex.integrations.yaskawa.language.program import comments, entry_te
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.limits import Limits
 from counterflex.programs.robot_text.circle_fit import FittedCircle, Spans
-from counterflex.programs.robot_text.in_place import PointsInPlace, near_angles
+from counterflex.programs.robot_text.in_place import SAME_TURN, PointsInPlace, near_angles
 
 _DECIMALS: Final = np.array([10.0**-LIMITS.position_decimals] * 3 + [10.0**-LIMITS.angle_decimals] * 3)
 _ADDED: Final = re.compile(r"(?:ACC|DEC|PL=[1-8]|CR)\S*", re.IGNORECASE)
@@ -142,10 +142,13 @@ class InformInPlace(PointsInPlace[inform.InformProgram, inform.Point]):
         """Other points on the circle, and at its start where a MOVC stands there."""
         move = self.program.moves[index]
         self._refuse_piece(move)
+        first, last = int(self.rows.first[index]), int(self.rows.last[index])
         if move.start is not None:
-            self.end_at(move.start, fit.p_start, None)
+            self.end_at(move.start, fit.p_start, self._turned(index - 1, first - 1))
         for point in move.through:
-            self.end_at(point, fit.at(point.T_part_tool[:3, 3]), None)
+            p = fit.at(point.T_part_tool[:3, 3])
+            row = first + int(np.argmin(np.linalg.norm(self.rows.command[first : last + 1] - p, axis=1)))
+            self.end_at(point, p, self._turned(index, row))
 
     def straightened(self, index: int) -> None:
         """``MOVL`` in place of ``MOVC``; the points between go."""
@@ -157,7 +160,7 @@ class InformInPlace(PointsInPlace[inform.InformProgram, inform.Point]):
         if move.start is not None:
             spans.replace(move.start.start, move.start.start + 4, "MOVL")
             p = self._corrected_start(index)
-            self.end_at(move.start, p, None)
+            self.end_at(move.start, p, self._turned(index - 1, int(self.rows.first[index]) - 1))
         spans.replace(move.point.start, move.point.start + 4, "MOVL")
         text = self.program.jobs[move.point.file].text
         for match in _OF_ARCS.finditer(text, move.point.named[1], move.point.end):
@@ -167,6 +170,10 @@ class InformInPlace(PointsInPlace[inform.InformProgram, inform.Point]):
             spans.replace(point.head, point.end if behind is None else behind.end(), "")
 
     # ---- text ------------------------------------------------------------------------------------------------
+
+    def _turned(self, index: int, row: int) -> Float | None:
+        """(3, 3) commanded orientation at a row of a motion: each point of an arc states its own; None as it was."""
+        return self.orientation(index, row) if np.any(np.abs(self.rotvec[row]) > SAME_TURN) else None
 
     def _corrected_start(self, index: int) -> Float:
         """(3,) m, where an arc begins as it is written."""
@@ -178,7 +185,7 @@ class InformInPlace(PointsInPlace[inform.InformProgram, inform.Point]):
         """A MOVC at the start of an arc whose start was the end of one that is straight now."""
         before, move = self.like(index - 1), self.program.moves[index]
         edits = self._edits[before.file]
-        R = np.asarray(self.program.Rs_part_tcp)[index - 1]
+        R = self.orientation(index - 1, int(self.rows.first[index]) - 1)
         name = edits.entry(before.header, before.in_frame(p_start, R))
         first = move.through[0] if move.through else move.point
         speed = speed_text(self._programmed_m_s(index))

@@ -112,8 +112,11 @@ class Val3Routine:
             )
         if end < 0:
             return begin + 1, len(self.lines)
-        if self.complete and not re.search(r"</[Pp]rogram>", "".join(self.lines[end:])):
-            raise ProgramError("the file stops before </Program>: it may be cut off",
+        head, tail = "".join(self.lines[:begin]), "".join(self.lines[end:])
+        wanted = ("Program", "Programs") if re.search(r"<programs\b", head, re.IGNORECASE) else ("Program",)
+        missing = next((one for one in wanted if not re.search(f"</{one}>", tail, re.IGNORECASE)), None)
+        if self.complete and missing is not None:
+            raise ProgramError(f"the file stops before </{missing}>: it may be cut off",
                                where=f"{self.name}:{len(self.lines)}",
                                hint="Post it again, or say --without-end if it is complete")  # fmt: skip
         return begin + 1, end
