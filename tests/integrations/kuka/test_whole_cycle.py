@@ -184,7 +184,7 @@ class _Cell:
 @pytest.mark.skipif(not system_calls.THERE, reason="no such system calls")
 @pytest.mark.parametrize("output", [Output.CARTESIAN, Output.AXES])
 def test_one_call_is_the_cycle_in_steps(output: Output) -> None:
-    """With rehearsals, with telegrams lost, twice, overtaken and unreadable, sensors silent and saturated, a stop and a second start."""
+    """With rehearsals; telegrams lost, twice, overtaken, unreadable; sensors silent, saturated; a stop, a reset."""
     whole, steps = _Cell(output, whole=True), _Cell(output, whole=False)
     try:
         rows, expected = whole.played(), steps.played()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import sys
 import time
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -73,14 +73,14 @@ class UdpWire:
             ) from fault
         self.address: tuple[str, int] = self._socket.getsockname()
         self._fd = self._socket.fileno()
-        self.inbox: ByteRows = np.zeros((_ROWS, largest), dtype=np.uint8)
-        self.rows: list[Bytes] = list(self.inbox)
+        self._inbox: ByteRows = np.zeros((_ROWS, largest), dtype=np.uint8)
+        self.rows: list[Bytes] = list(self._inbox)
         self._views: list[memoryview] = [row.data for row in self.rows]
         self._many = system_calls.THERE
         self.most = _ROWS if self._many else 1
         self._socket.setblocking(False)
         self.names: ByteRows = np.zeros((_ROWS, system_calls.NAME), dtype=np.uint8)
-        self._pieces, self.heads = system_calls.heads(self.inbox, self.names)
+        self._pieces, self._heads = system_calls.heads(self._inbox, self.names)
         self.lengths: Int = np.zeros(_ROWS, dtype=np.int64)
         self.senders: Int = np.zeros(_ROWS, dtype=np.int64)
         self.window = records(system_calls.WINDOW)  # When to poll, see :meth:`RobotPort.poll`
@@ -91,7 +91,7 @@ class UdpWire:
         """See :class:`Wire`."""
         if self._many:
             return await_datagrams(
-                self._fd, self.heads, self.names, self.lengths, self.senders, timeout_ns, self.window
+                self._fd, self._heads, self.names, self.lengths, self.senders, timeout_ns, self.window
             )
         self._socket.settimeout(max(0, timeout_ns) * 1e-9)
         try:
@@ -100,6 +100,11 @@ class UdpWire:
             return 0
         self.senders[0] = host_address(host) << 16 | port
         return 1
+
+    def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
+        """What :func:`.await_datagrams` takes, by name, and the datagrams."""
+        own = self._heads, self.names, self.lengths, self.senders, self._inbox, self.window
+        return dict(zip(("heads", "names", "lengths", "senders", "inbox", "window"), own, strict=True))
 
     def send(self, data: bytes | memoryview, peer: tuple[str, int]) -> bool:
         """See :class:`Wire`."""

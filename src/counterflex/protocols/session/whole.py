@@ -59,7 +59,6 @@ class WholeCycle:
         self._port = robot.port
         wire, tracker, now = robot.port.wire, sensing.tracker, self.now
         assert isinstance(wire, UdpWire)
-        self._held: tuple[Any, ...] = (robot, force)  # their tables stay where they are
         tables = [*tables, robot.read_table, robot.answer_table]
         now.fd, now.force_fd, now.tracker_fd = wire.target, -1, -1
         now.read, now.read_table = robot.read, robot.read_table.rows.ctypes.data
@@ -75,12 +74,19 @@ class WholeCycle:
             now.tracker_fd, table = tracker.compiled()
             poses = table.rows
             tables.append(table)
-        self._arrays: dict[str, np.ndarray[Any, Any]] = dict(
-            whole=whole, cycle=tables[0].rows, senses=tables[1].rows, telegram=robot.telegram, drained=drained, tracker=poses,
-            kept=np.zeros((0, 0)), kept_number=np.zeros(1, dtype=np.int64),
-            heads=wire.heads, names=wire.names, lengths=wire.lengths, senders=wire.senders, inbox=wire.inbox,
-            window=wire.window,
-        )  # fmt: skip
+        self._arrays: dict[str, np.ndarray[Any, Any]] = {
+            "whole": whole,
+            "cycle": tables[0].rows,
+            "senses": tables[1].rows,
+            "telegram": robot.telegram,
+            "drained": drained,
+            "tracker": poses,
+            "kept": np.zeros((0, 0)),
+            "kept_number": np.zeros(1, dtype=np.int64),
+            **wire.arrays(),
+        }
+        self._window: Any = attributes(wire.window)
+        self._held: tuple[Any, ...] = tuple(tables)  # stay where they are
         self._blocks(tables)
         self._table = ArrayTable(own.ARRAYS, **self._arrays)
         self._rehearsal = self._of_rehearsal()
@@ -127,7 +133,8 @@ class WholeCycle:
     def run(self, timeout_s: float) -> int:
         """Wait and answer; returns as :func:`.whole_kernel.await_and_answer`."""
         self.now.timeout_ns, self.now.sender = int(timeout_s * 1e9), self._port.sender
-        return int(own.await_and_answer(self._table.rows, self._rehearsed()))
+        rehearsal = self._rehearsed() if self._window.most_ns else self._rehearsal.rows  # else there is none
+        return int(own.await_and_answer(self._table.rows, rehearsal))
 
 
 def whole_cycle(

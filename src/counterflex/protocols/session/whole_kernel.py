@@ -39,7 +39,7 @@ from counterflex.runtime.cycle import ARRAYS as LOOP_ARRAYS
 from counterflex.runtime.monitoring.records import MEMORY
 from counterflex.runtime.state.loop_record import LOOP
 
-_REHEARSAL_NS: Final = 250_000
+_REHEARSAL_NS: Final = 150_000
 """So long before the polling the cycle is rehearsed: it takes 60 to 150 us where caches are cold."""
 ANSWERED: Final = -1
 """Returned for a cycle that is done."""
@@ -140,8 +140,8 @@ def _reply(table: Record, w: Record, counter: int) -> None:
     speed = carray(to_pointer(loops.monitor_memory.place), (1,), MEMORY)[0].results.speed
     correction = result.axes[:] if w.axes == 1 else result.correction[:]
     w.sent = answer_telegram(
-        w.answer, w.answer_table, w.fd, counter, correction, w.axes == 1, result.stop != 0, result.feed_hold != 0, speed,
-        result.state,
+        w.answer, w.answer_table, w.fd, counter, correction, w.axes == 1, result.stop != 0, result.feed_hold != 0,
+        speed, result.state,
     )  # fmt: skip
 
 

@@ -107,6 +107,8 @@ the next one is expected, CLOCK_MONOTONIC; 0: not known. ``jitter_ns``: mean dis
 """
 _LEAST_NS: Final = 30_000
 """Half of the shortest window: waking up takes that long on an idle machine."""
+_NAP_NS: Final = 100_000
+"""Shorter times are not slept through: other programs would take the caches meanwhile."""
 _JITTERS: Final = 4
 """Half of a window, in mean distances: 1 in 700 of normal ones lies outside."""
 
@@ -245,7 +247,7 @@ def await_datagrams(
         end, begin, last = now + timeout_ns, w.due_ns - half, w.due_ns + half
         received = 0
         if half > 0 and now < last < end:
-            received = _sleep(fd, begin - now, windows) if begin > now else 0
+            received = _sleep(fd, begin - now, windows) if begin - now > _NAP_NS else 0
             while received == 0 and count == 0 and now_ns(windows) < last:
                 count = receive(fd, heads, names, lengths, senders)
             now = now_ns(windows)
