@@ -13,8 +13,9 @@ and is started again when it was stopped, and this program is the operator, who 
 is counted. Percentiles are printed over every telegram, over those while the correction acts (where the goals are), and
 over those of them outside of standstills, which the played cell's own clock and the echo tell.
 
-``--stages`` also times the parts of the reply. Every clock that is read costs time itself, most of it where caches are
-cold, so such a run says what the parts are to each other, and not how long the reply takes.
+``--stages`` also times the parts of the reply, made in steps instead of in one call. Every clock that is read costs
+time itself, most of it where caches are cold, so such a run says what the parts are to each other, and not how long
+the reply takes.
 """
 
 from __future__ import annotations
@@ -164,6 +165,7 @@ def _timed(session: OnlineSession) -> dict[str, list[int]]:
 
         setattr(owner, name, timed)
 
+    session._whole = None  # the one call of a cycle shows no parts
     watch(session.link, "_read", "telegram read")
     watch(session, "handle_cycle", "all behind it")
     watch(session, "_take_telegram", "  telegram judged")

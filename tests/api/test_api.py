@@ -215,6 +215,13 @@ def test_reading_a_cell_loads_no_plan_no_loop_and_no_simulation(folder: Path) ->
     assert not {name for name in loaded if name.startswith(tuple(f"counterflex.{room}" for room in rooms))}
 
 
+def test_postures_load_no_rotations_of_scipy(folder: Path) -> None:
+    """The closed form is compiled; its package loads SciPy's rotations, and can still be imported."""
+    asks = f"cf.inverse(cf.read_cell({str(folder / 'cell.toml')!r}), [30.0, 20.0, 38.0], [0.0, 0.0, 1.0])"
+    assert "scipy.spatial" not in modules_loaded(asks)
+    assert "scipy.spatial" in modules_loaded(f"{asks}\nimport py_opw_kinematics\npy_opw_kinematics.Robot")
+
+
 def test_results_are_said_in_five_lines(plan: Any, folder: Path) -> None:
     cell = cf.read_cell(folder / "cell.toml")
     results = [plan, cell, cf.read_program(folder / "part.ngc"), cf.SimulatedCell(cell, seed=3), cf.modes(cell)]

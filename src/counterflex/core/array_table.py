@@ -24,7 +24,7 @@ import numpy as np
 from numba import carray, types
 from numba.extending import intrinsic
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records, record, records
@@ -44,20 +44,23 @@ class ArrayTable:
 
     Args:
         kind: Names of the arrays that the kernel takes, of :func:`addresses`.
-        arrays: Those: float64 or int64 or uint8, of one or two dimensions, or records
+        arrays: Those: float64 or int64 or uint8 or bool, of one or two dimensions, or records
             (:mod:`counterflex.core.records`) of one; C order.
+
+    Attributes:
+        arrays: As given.
 
     Raises:
         InputError: An array is missing, or of another name or kind.
     """
 
     def __init__(self, kind: np.dtype[np.record], **arrays: np.ndarray[Any, Any]) -> None:
-        self._arrays = arrays
+        self.arrays = arrays
         self.rows: Records = records(kind)  # (1,) of that type, to be given to the kernel
         if set(arrays) != set(kind.names or ()):
             raise InputError("a kernel takes other arrays", value=", ".join(arrays), limit=", ".join(kind.names or ()))
         for name, array in arrays.items():
-            plain = array.dtype.str in ("<f8", "<i8", "|u1") and array.ndim in (1, 2)
+            plain = array.dtype.str in ("<f8", "<i8", "|u1", "|b1") and array.ndim in (1, 2)
             if not (plain or (array.dtype.fields and array.ndim == 1)) or not array.flags.c_contiguous:
                 raise InputError("a kernel's array", where=name, value=f"{array.dtype}{array.shape}", limit="C order")
             columns = array.shape[1] if array.ndim == 2 else 0
@@ -77,11 +80,11 @@ def _pointer(kind: Any) -> Any:
 
 if numba.config.DISABLE_JIT:
     _to_float: Any = lambda address: ctypes.cast(int(address), ctypes.POINTER(ctypes.c_double))  # noqa: E731
-    _to_int: Any = lambda address: ctypes.cast(int(address), ctypes.POINTER(ctypes.c_int64))  # noqa: E731
+    to_whole: Any = lambda address: ctypes.cast(int(address), ctypes.POINTER(ctypes.c_int64))  # noqa: E731
     _to_byte: Any = lambda address: ctypes.cast(int(address), ctypes.POINTER(ctypes.c_uint8))  # noqa: E731
     to_pointer: Any = lambda address: ctypes.c_void_p(int(address))  # noqa: E731
 else:
-    _to_float, _to_int, _to_byte = (
+    _to_float, to_whole, _to_byte = (
         _pointer(types.CPointer(kind)) for kind in (types.float64, types.int64, types.uint8)
     )
     to_pointer = _pointer(types.voidptr)
@@ -105,14 +108,14 @@ def matrix(a: Record) -> Float:
 @kernel("int64[::1](Address)", Address=ADDRESS)
 def wholes(a: Record) -> Int:
     """Array of a table: int64, one dimension."""
-    out: Int = carray(_to_int(a.place), (a.rows,))
+    out: Int = carray(to_whole(a.place), (a.rows,))
     return out
 
 
 @kernel("int64[:, ::1](Address)", Address=ADDRESS)
 def whole_matrix(a: Record) -> Int:
     """Array of a table: int64, two dimensions."""
-    out: Int = carray(_to_int(a.place), (a.rows, a.columns))
+    out: Int = carray(to_whole(a.place), (a.rows, a.columns))
     return out
 
 
@@ -127,4 +130,11 @@ def byte_matrix(a: Record) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
 def raw_bytes(a: Record) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
     """Array of a table: uint8, one dimension."""
     out: np.ndarray[tuple[int], np.dtype[np.uint8]] = carray(_to_byte(a.place), (a.rows,))
+    return out
+
+
+@kernel("boolean[::1](Address)", Address=ADDRESS)
+def truths(a: Record) -> Bool:
+    """Array of a table: bool, one dimension."""
+    out: Bool = carray(to_pointer(a.place), (a.rows,), np.bool_)
     return out

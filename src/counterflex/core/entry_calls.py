@@ -42,7 +42,19 @@ def at_address(function: Any) -> Any:
     """
     if numba.config.DISABLE_JIT:
         return lambda _address, *arguments: function(*arguments)
-    signature = with_records(*function.stated)
+    return at_address_of(*function.stated)
+
+
+def at_address_of(stated: str, records: dict[str, Any]) -> Any:
+    """As :func:`at_address`, for any kernel of a signature: who calls it does not know whose it is.
+
+    Args:
+        stated: The signature.
+        records: Types by the names that it gives them.
+    """
+    if numba.config.DISABLE_JIT:
+        return lambda _address, *_: 0  # such a kernel has no address then, and nobody calls it
+    signature = with_records(stated, records)
     result, lower = signature.return_type, _lowering(signature.return_type, signature.args)
 
     @intrinsic  # type: ignore[untyped-decorator]

@@ -70,6 +70,7 @@ class Loop:
         monitor: Process monitoring and feed override.
         records: LOOP and PLAN, for a kernel that reads them.
         memory: All that the loop remembers from one cycle to the next: its own arrays by name, in fixed order.
+        table: Arrays of :func:`counterflex.runtime.cycle.cycle` beside its record.
         cycles: (1,) view: cycles run so far; ``state_cycles`` is those from one snapshot of its memory to the next.
 
     Raises:
@@ -137,7 +138,7 @@ class Loop:
         self._place: Float = self.step_state.place
         self.cycles: Int = self._loop["state"]["cycles"]
         self.state_cycles = max(1, round(_STATE_S / settings.period_s))
-        self._table = self._arrays()
+        self.table = self._arrays()
         self.memory = self._memory()
         compile_stated("counterflex.runtime.cycle")
         self.reset()
@@ -145,7 +146,7 @@ class Loop:
     @property
     def rows(self) -> tuple[Records, Records]:
         """(1,) LOOP and (1,) ARRAYS of :func:`counterflex.runtime.cycle.cycle`, for a kernel that calls it."""
-        return self._loop, self._table.rows
+        return self._loop, self.table.rows
 
     @property
     def holds_part(self) -> bool:
@@ -288,7 +289,7 @@ class Loop:
 
     def run(self) -> None:
         """One cycle."""
-        cycle(self._loop, self._table.rows)
+        cycle(self._loop, self.table.rows)
 
     @property
     def compliance(self) -> Float:

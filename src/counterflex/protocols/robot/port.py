@@ -88,12 +88,13 @@ class RobotPort:
         self.name: Bytes = np.zeros(system_calls.NAME, dtype=np.uint8)
         self.counters = Counters()
 
-    def wait(self, timeout_s: float, read: Callable[[int], Verdict]) -> bool:
+    def wait(self, timeout_s: float, read: Callable[[int], Verdict], waiting: int = 0) -> bool:
         """Wait for a datagram, then take all that are there.
 
         Args:
             timeout_s: Longest wait.
             read: Told the length of each datagram of the peer in :attr:`data`; keeps what it needs of it.
+            waiting: Datagrams that were taken from the wire already, and not looked at.
 
         Returns:
             Whether one of them was :attr:`Verdict.NEW`.
@@ -101,7 +102,7 @@ class RobotPort:
         received, taken, remaining_ns = False, 0, int(timeout_s * 1e9)
         end = self._wire.now_ns() + remaining_ns
         while taken < _MOST_DRAINED:
-            count = self._wire.receive(remaining_ns)
+            count, waiting = waiting or self._wire.receive(remaining_ns), 0
             for row in range(count):
                 if self._take(row, read):
                     self.counters.drained += int(received)
@@ -166,6 +167,16 @@ class RobotPort:
     def send(self, data: bytes | memoryview) -> bool:
         """Send to the peer; False where there is none yet or the system does not take it."""
         return self.peer is not None and self._wire.send(data, self.peer)
+
+    @property
+    def sender(self) -> int:
+        """Who is answered, as :attr:`Counters.sender`; -1: nobody yet."""
+        return self._sender
+
+    @property
+    def wire(self) -> Wire:
+        """What carries the datagrams."""
+        return self._wire
 
     @property
     def target(self) -> int:

@@ -8,7 +8,7 @@ from counterflex.core.units import MS
 from counterflex.protocols.robot.port import Verdict
 from counterflex.runtime.step.supervise import SESSION_S
 
-_SESSION_MS: Final = round(SESSION_S / MS)
+SESSION_MS: Final = round(SESSION_S / MS)
 """How far ahead the counter may jump within one session."""
 _FAR_RUN, _NEAR_RUN = 3, 8
 """Telegrams in a row that follow each other but not the last good one, until they are another session's: beyond a
@@ -41,10 +41,10 @@ class SessionCounter:
     def judge(self, counter: int) -> Verdict:
         """Judge a telegram by its counter; a new one is taken as the newest."""
         step = counter - self.newest if self.newest >= 0 else 1
-        if 0 < step <= _SESSION_MS:
+        if 0 < step <= SESSION_MS:
             self._run, self.newest = 0, counter
             return _NEW
-        near = -_SESSION_MS < step <= 0
+        near = -SESSION_MS < step <= 0
         follows = self._run > 0 and 0 < counter - self._other <= _FOLLOWS * self._cycle_ms
         self._run = self._run + 1 if follows else 1
         self._other = counter
@@ -55,7 +55,7 @@ class SessionCounter:
 
     def follows(self, counter: int) -> bool:
         """Return whether a counter lies ahead of the newest one and within its session; nothing is taken from it."""
-        return self.newest >= 0 and 0 < counter - self.newest <= _SESSION_MS
+        return self.newest >= 0 and 0 < counter - self.newest <= SESSION_MS
 
     def advance(self) -> tuple[int, bool]:
         """Go on to the newest telegram.

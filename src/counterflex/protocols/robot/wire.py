@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import sys
 import time
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -100,6 +100,11 @@ class UdpWire:
             return 0
         self.senders[0] = host_address(host) << 16 | port
         return 1
+
+    def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
+        """What :func:`.await_datagrams` takes, by name, and the datagrams."""
+        own = self._heads, self.names, self.lengths, self.senders, self._inbox, self.window
+        return dict(zip(("heads", "names", "lengths", "senders", "inbox", "window"), own, strict=True))
 
     def send(self, data: bytes | memoryview, peer: tuple[str, int]) -> bool:
         """See :class:`Wire`."""

@@ -69,6 +69,8 @@ class Senses:
     Attributes:
         records: (1,) :data:`counterflex.protocols.session.senses_kernel.SENSES`; ``now`` are the same numbers, read and
             written faster.
+        at_once: The force sensor's reading becomes the wrench in one kernel, once its zero is known.
+        table: Arrays of the kernels.
         needs_tracker: The correction needs the tracker.
         tracker_stale: Cycles without a pose from which on it is lost.
         since: Cycles of the robot since the inertia of the spindle was last taken out.
@@ -102,11 +104,11 @@ class Senses:
         self.records = records(own.SENSES)
         self.now: Any = attributes(self.records)
         self._begin(needs_force=needs_force or (fused and force is not None), sources=sources)
-        self._rows = self._table(sensing)
+        self.table = self._table(sensing)
         # What else than a flange sensor makes the wrench, or goes on with it, is called between two kernels.
-        self._at_once = isinstance(self._wrench, SensorWrench) and self._inertia is None
+        self.at_once = isinstance(self._wrench, SensorWrench) and self._inertia is None
         self.since = 0
-        self._time_zero_ns = clock_ns()
+        self.time_zero_ns = clock_ns()
 
     def _begin(self, *, needs_force: bool, sources: int) -> None:
         now = self.now
@@ -160,9 +162,9 @@ class Senses:
             return
         good = force.drain()
         due = not tare.accepted and self._result.state <= _READY and good_telegrams > self._settle // 2
-        if self._at_once and not due:
+        if self.at_once and not due:
             own.read_force(
-                self._rows.rows,
+                self.table.rows,
                 good,
                 force.good,
                 force.first,
@@ -176,7 +178,7 @@ class Senses:
 
     def _age_s(self) -> float:
         """Time since the sensor's zero was set."""
-        return (self._clock_ns() - self._time_zero_ns) * 1e-9
+        return (self._clock_ns() - self.time_zero_ns) * 1e-9
 
     def _read_force_in_steps(self, force: ForceSource, wrench: ProcessWrench, good: int, due: bool) -> None:
         """As :func:`.senses_kernel.read_force`, with what Python computes between its steps.
@@ -185,7 +187,7 @@ class Senses:
             good: Good samples of the drain.
             due: The sensor's zero is being taken.
         """
-        rows, now = self._rows.rows, self.now
+        rows, now = self.table.rows, self.now
         kind = own.take_reading(rows, force.samples, good, force.good, force.first, force.saturated, force.frozen)
         if kind == own.NONE:
             return
@@ -213,7 +215,7 @@ class Senses:
         tracker, fresh, stamp_ns, sigma_m = self._tracker, False, 0, 0.0
         if tracker is not None and tracker.drain():
             fresh, stamp_ns, sigma_m = True, tracker.time_ns, tracker.sigma_m
-        return own.read_pose(self._rows.rows, fresh, self._link.counter, stamp_ns, sigma_m)
+        return own.read_pose(self.table.rows, fresh, self._link.counter, stamp_ns, sigma_m)
 
     def read_currents(self, received: bool) -> None:
         """Turn the motor currents of a telegram into torques, where they are used."""

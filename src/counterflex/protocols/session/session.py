@@ -29,12 +29,15 @@ from counterflex.protocols.session.shared_status import Teller
 from counterflex.protocols.session.standing import SessionChecks as SessionChecks, Standing, begin_held
 from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.telegram_watch import AnotherSession, TelegramWatch, WatchSettings
+from counterflex.protocols.session.whole import WholeCycle, whole_cycle
+from counterflex.protocols.session.whole_kernel import ANSWERED
 from counterflex.runtime.cycle import cycle
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import feeds_about
-from counterflex.runtime.plausibility.axis_check import ABSENT
+from counterflex.runtime.plausibility.axis_check import ABSENT, AxisCheck
 from counterflex.runtime.plausibility.axis_check_kernel import ARRAYS as ANGLES, angles_agree
 from counterflex.runtime.record_ring import RecordRing
+from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.settings import Output
 from counterflex.runtime.state.supervisor import Cause, State
 
@@ -131,7 +134,11 @@ class OnlineSession:
         self._sessions = records(own.SESSION)
         self._now: Any = attributes(self._sessions)
         self._begin_numbers()
-        self._rows = self._table().rows
+        table = self._table()
+        self._rows = table.rows
+        tables = [table, self._senses.table, loop.table]
+        tables += [one.table for one in (self._angles, sensing.wrench) if isinstance(one, AxisCheck | SensorWrench)]
+        self._whole = whole_cycle(link, sensing, tables, clock_ns, direct=self._senses.at_once, axes=self._axes)
         self._next = AnotherSession(link.counters)
         self._another, self._answered = False, True
         self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
@@ -177,6 +184,8 @@ class OnlineSession:
             not_closed: It did not end by itself: what it answered last may be in force.
         """
         self._last, self.not_closed = last, not_closed
+        if self._whole is not None:
+            self._whole.keep(last)
         streams = hasattr(self.link, "stream")  # a path that is streamed begins anew, and nothing is sent before
         self._standing = Standing(last.before) if not_closed and not streams else None
 
@@ -205,7 +214,48 @@ class OnlineSession:
         Returns:
             False where none came: the loop has then done a cycle without one, and nothing was sent.
         """
-        return self.handle_cycle(self.link.wait(timeout_s))
+        whole = self._whole
+        if whole is None or not self._usual():
+            return self.handle_cycle(self.link.wait(timeout_s))
+        end_ns = self._clock_ns() + int(timeout_s * 1e9)
+        self._prepare(whole.now)
+        count = whole.run(timeout_s)
+        if count == ANSWERED:
+            self._take_over(whole)
+            return True
+        return self.handle_cycle(whole.link.wait(max(0, end_ns - self._clock_ns()) * 1e-9, count))
+
+    def _usual(self) -> bool:
+        """Return whether nothing but a telegram of the session is awaited that Python would have to look at."""
+        taken = self.force is None or self._tare.accepted
+        return taken and self._standing is None and not self._another and not self.trouble
+
+    def _prepare(self, now: Any) -> None:
+        """Write what the one call of a cycle is to know before it."""
+        counters, tare = self.link.counters, self._tare
+        now.written = _NO_LOG if self.ring is None else self.ring.count
+        now.repeated, now.answered = counters.repeated - self._repeated, int(self._answered)
+        now.not_closed, now.zero_known, now.refusals = int(self.not_closed), int(tare.accepted), tare.refusals
+        now.zero_ns = self._senses.time_zero_ns
+
+    def _take_over(self, whole: WholeCycle) -> None:
+        """Go on behind the one call of a cycle, whose answer is out, as behind the same cycle in steps."""
+        link, now, result, drained = whole.link, whole.now, self._result, whole.drained
+        link.elapsed, link.restarted = 0, False
+        link.take()
+        self._next.heard()
+        self._repeated = link.counters.repeated
+        self._senses.since += link.elapsed
+        if self.force is not None:
+            whole.force.take(drained.good, drained.first, bool(drained.saturated), bool(drained.frozen))
+        self._serve_requests(bool(now.reset))
+        self._answered = not result.silent
+        if result.silent:
+            self._reply(False)
+        else:
+            link.answered(self.loop.correction, self.loop.axes if self._axes else None, **self._words())
+        self.compute_ns = now.sent_ns - now.received_ns
+        self._hand_over(now.received_ns, now.sent_ns, True)
 
     def handle_cycle(self, received: bool) -> bool:
         """Handle the telegram that :attr:`link` received, or a cycle in which none was; returns ``received``."""
@@ -228,11 +278,15 @@ class OnlineSession:
         self._reply(answer_due)
         sent = self._clock_ns()
         self.compute_ns = sent - received_ns
+        self._hand_over(received_ns, sent, received)
+        return received
+
+    def _hand_over(self, received_ns: int, sent: int, received: bool) -> None:
+        """Record and tell a cycle whose answer is out."""
         self._now.cycles += int(received)
         if self._record is not None:
             self._record.write(received_ns, sent)
         self._tell(sent, received_ns, received)
-        return received
 
     def _begin(self, standing: Standing, received: bool, now_ns: int) -> bool:
         """Begin with the correction that stands at the robot, as soon as that is known; before, nothing is answered."""
@@ -367,24 +421,21 @@ class OnlineSession:
             if self._last is not None:
                 self._last.put(link.counter, self._clock_ns(), loop.correction, loop.axes)
             try:
-                link.answer(
-                    loop.correction,
-                    loop.axes if self._axes else None,
-                    stop=bool(result.stop),
-                    feed_hold=bool(result.feed_hold),
-                    state=_STATES[result.state],
-                    override=loop.monitor.speed,
-                )
+                link.answer(loop.correction, loop.axes if self._axes else None, **self._words())
             except Exception as fault:  # a fault in the next cycle; the controller keeps what it has
                 self._failed(fault)
         elif self._repeat is not None:
-            self._repeat(
-                stop=bool(result.stop),
-                feed_hold=bool(result.feed_hold),
-                override=loop.monitor.speed,
-                state=_STATES[result.state],
-                silent=bool(result.silent),
-            )
+            self._repeat(**self._words(), silent=bool(result.silent))
+
+    def _words(self) -> dict[str, Any]:
+        """What an answer says beside the correction."""
+        result = self._result
+        return {
+            "stop": bool(result.stop),
+            "feed_hold": bool(result.feed_hold),
+            "override": self.loop.monitor.speed,
+            "state": _STATES[result.state],
+        }
 
     def _failed(self, fault: Exception) -> None:
         self.trouble = self.trouble or f"{type(fault).__name__}: {fault}"

@@ -107,6 +107,8 @@ the next one is expected, CLOCK_MONOTONIC; 0: not known. ``jitter_ns``: mean dis
 """
 _LEAST_NS: Final = 30_000
 """Half of the shortest window: waking up takes that long on an idle machine."""
+_NAP_NS: Final = 100_000
+"""Shorter times are not slept through: other programs would take the caches meanwhile."""
 _JITTERS: Final = 4
 """Half of a window, in mean distances: 1 in 700 of normal ones lies outside."""
 
@@ -160,7 +162,7 @@ def receive(fd: int, heads: Int, names: ByteRows, lengths: Int, hosts: Int) -> i
 
 
 @kernel("int64(Window[::1])", Window=WINDOW)
-def _now(windows: Records) -> int:
+def now_ns(windows: Records) -> int:
     """Monotonic clock, ns."""
     w = windows[0]
     _clock_gettime(_MONOTONIC, windows.ctypes.data + 8)
@@ -186,6 +188,32 @@ def _learn(w: Record, now: int) -> None:
         w.due_ns += error // 8
         w.jitter_ns += (abs(error) - w.jitter_ns) // 16
     w.due_ns += w.period_ns
+
+
+@kernel("int64(Window)", Window=WINDOW)
+def _half_ns(w: Record) -> int:
+    """Half of the window in which the next datagram is polled for."""
+    return int(min(w.most_ns, _LEAST_NS + _JITTERS * w.jitter_ns))
+
+
+@kernel("boolean(int64, int64, int64, Window[::1])", Window=WINDOW)
+def sleep_until_near(fd: int, timeout_ns: int, before_ns: int, windows: Records) -> bool:
+    """Sleep until some time before the polling of :func:`await_datagrams` begins.
+
+    Args:
+        timeout_ns: Longest wait.
+        before_ns: How long before.
+        windows: (1,) WINDOW.
+
+    Returns:
+        Whether that time has come; False at once where nothing is polled, and where a datagram or a signal comes first.
+    """
+    w = windows[0]
+    if w.most_ns <= 0 or w.due_ns <= 0:
+        return False
+    now = now_ns(windows)
+    begin = w.due_ns - _half_ns(w) - before_ns
+    return bool(now < begin < now + timeout_ns) and _sleep(fd, begin - now, windows) == 0
 
 
 @kernel(
@@ -215,14 +243,14 @@ def await_datagrams(
     if timeout_ns > 0:
         now, half = 0, 0
         if w.most_ns > 0:
-            now, half = _now(windows), min(w.most_ns, _LEAST_NS + _JITTERS * w.jitter_ns)
+            now, half = now_ns(windows), _half_ns(w)
         end, begin, last = now + timeout_ns, w.due_ns - half, w.due_ns + half
         received = 0
         if half > 0 and now < last < end:
-            received = _sleep(fd, begin - now, windows) if begin > now else 0
-            while received == 0 and count == 0 and _now(windows) < last:
+            received = _sleep(fd, begin - now, windows) if begin - now > _NAP_NS else 0
+            while received == 0 and count == 0 and now_ns(windows) < last:
                 count = receive(fd, heads, names, lengths, senders)
-            now = _now(windows)
+            now = now_ns(windows)
         if received == 0 and count == 0:
             received = _sleep(fd, max(0, end - now), windows)
         if received <= 0 and count == 0:
@@ -230,7 +258,7 @@ def await_datagrams(
     if count == 0:
         count = receive(fd, heads, names, lengths, senders)
     if w.most_ns > 0 and count > 0 and timeout_ns > 0:
-        _learn(w, _now(windows))
+        _learn(w, now_ns(windows))
     for k in range(count):
         senders[k] = (senders[k] << 16) | (int(names[k, 2]) << 8) | int(names[k, 3])
     return count

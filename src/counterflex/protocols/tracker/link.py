@@ -82,6 +82,10 @@ class TrackerLink(DatagramLink):
             )  # fmt: skip
         return bool(fresh)
 
+    def compiled(self) -> tuple[int, ArrayTable]:
+        """Socket and table of :func:`.drain_poses`; -1 where datagrams are taken one by one."""
+        return self._inbox.fd if self._inbox.many else -1, self._table
+
     @property
     def time_ns(self) -> int:
         """Time of the newest good pose, or mean time of the mean, by the clock of the source."""

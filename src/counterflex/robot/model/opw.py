@@ -12,8 +12,12 @@ The eight branches come from the library py-opw-kinematics (Brandstoetter et al.
 from __future__ import annotations
 
 import functools
+import importlib
+import importlib.machinery
+import importlib.util
 import itertools
 import math
+import sys
 from typing import Any, Final
 
 import numpy as np
@@ -36,11 +40,22 @@ LIMIT_SLACK_RAD: Final = 1e-9
 """Rounding allowed beyond a joint limit."""
 
 
+@functools.cache
+def _solver() -> Any:
+    """The library's compiled part alone: its package loads SciPy's rotations, 0.1 s and more of a question."""
+    package, name = "py_opw_kinematics", "py_opw_kinematics._internal"
+    if name not in sys.modules and (outer := importlib.util.find_spec(package)) is not None:
+        spec = importlib.machinery.PathFinder.find_spec(name, outer.submodule_search_locations)
+        if spec is not None and spec.loader is not None:
+            sys.modules[name] = module = importlib.util.module_from_spec(spec)
+            spec.loader.exec_module(module)
+    return sys.modules.get(name) or importlib.import_module(name)
+
+
 @functools.lru_cache(maxsize=64)
 def _engine(opw: Opw) -> Any:
     """The library's solver on plain arrays, in mm and rad; its public class wraps every pose in a slow object."""
-    from py_opw_kinematics import _internal as _library  # with SciPy's rotations: most processes solve no posture
-
+    _library = _solver()
     opw = checked(opw)
     o1, o2, o3, o4, o5, o6 = opw.offsets_rad
     f1, f2, f3, f4, f5, f6 = (sign < 0 for sign in opw.signs)

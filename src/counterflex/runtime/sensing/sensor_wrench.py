@@ -193,7 +193,7 @@ class SensorWrench:
         m = len(compact.stations) - 1
         self.w_part: Float = np.zeros(6)
         self.w_base: Float = np.zeros(6)
-        self._table = ArrayTable(
+        self.table = ArrayTable(
             ARRAYS,
             stations=compact.stations,
             surroundings=compact.surroundings,
@@ -225,13 +225,13 @@ class SensorWrench:
             time_s: Since the sensor's zero.
             temperature_c: NaN is the reference temperature.
         """
-        sensor_wrench(self._table.rows, q, w_sensor, time_s, temperature_c)
+        sensor_wrench(self.table.rows, q, w_sensor, time_s, temperature_c)
         return self.w_part
 
     @property
     def rows(self) -> Records:
         """(1,) ARRAYS of :func:`sensor_wrench`, for a kernel that calls it."""
-        return self._table.rows
+        return self.table.rows
 
     @property
     def R_base_sensor(self) -> Float:

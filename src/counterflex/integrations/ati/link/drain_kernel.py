@@ -13,6 +13,7 @@ from counterflex.core.array_table import addresses, byte_matrix, matrix, to_poin
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records
 from counterflex.integrations.ati.link.kernel import RECEIVED, take_records
+from counterflex.protocols.robot.compiled_link import DRAIN, DRAINED
 from counterflex.protocols.system.datagrams import INBOX
 from counterflex.protocols.system.system_calls import receive
 
@@ -51,3 +52,15 @@ def drain_records(fd: int, taken: bool, tables: Records) -> tuple[int, int, bool
         for k in range(6):
             r.wrench[k] = r.total[k] / r.good
     return r.good, r.first, r.saturated != 0, r.same >= FROZEN - 1
+
+
+@kernel(DRAIN, Drained=DRAINED, entry=True)
+def drain_at(place: int, fd: int, taken: bool, out: Records) -> None:
+    """As :func:`drain_records`, by the place of its table.
+
+    Args:
+        out: (1,) DRAINED; written.
+    """
+    d = out[0]
+    good, first, saturated, frozen = drain_records(fd, taken, carray(to_pointer(place), (1,), ARRAYS))
+    d.good, d.first, d.saturated, d.frozen = good, first, int(saturated), int(frozen)

@@ -13,10 +13,12 @@ import numpy as np
 
 from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float
+from counterflex.core.entry_calls import address_of
 from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.core.records import Record, records
 from counterflex.integrations.ati.link import kernel as reading, telegram as netft
-from counterflex.integrations.ati.link.drain_kernel import ARRAYS, drain_records
+from counterflex.integrations.ati.link.drain_kernel import ARRAYS, drain_at, drain_records
+from counterflex.protocols.robot.compiled_link import CompiledForce
 from counterflex.protocols.system.datagrams import Datagrams, Inbox, batches
 
 SATURATED: Final = 0.95
@@ -92,8 +94,16 @@ class NetftLink:
         if not inbox.many:
             self._one_by_one()
         counts = drain_records(inbox.fd, not inbox.many, self._table.rows)
-        self.good, self.first, self.saturated, self.frozen = counts
+        self.take(*counts)
         return counts[0]
+
+    def take(self, good: int, first: int, saturated: bool, frozen: bool) -> None:
+        """Take what a drain has found, here or in the one call of a cycle."""
+        self.good, self.first, self.saturated, self.frozen = good, first, saturated, frozen
+
+    def compiled(self) -> CompiledForce | None:
+        """The drain for the one call of a cycle; None where datagrams are taken one by one."""
+        return CompiledForce(address_of(drain_at), self._table, self._inbox.fd) if self._inbox.many else None
 
     def _one_by_one(self) -> None:
         inbox, received = self._inbox, self._received

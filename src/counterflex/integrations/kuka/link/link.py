@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int
+from counterflex.core.entry_calls import address_of
 from counterflex.core.errors import InputError
+from counterflex.core.records import attributes, records
 from counterflex.integrations.kuka.link.answer_kernel import ARRAYS, answer
 from counterflex.integrations.kuka.link.config import RsiConfig
+from counterflex.integrations.kuka.link.cycle_kernel import ARRAYS as READ_ARRAYS, answer_at, read_at, read_words
 from counterflex.integrations.kuka.link.kernel import MISSING, OK
 from counterflex.integrations.kuka.link.pose_kernel import read_pose, read_stand
 from counterflex.integrations.kuka.link.telegram import LARGEST_DATAGRAM, answer_writer, robot_reader
+from counterflex.protocols.robot.compiled_link import TELEGRAM, CompiledLink
 from counterflex.protocols.robot.port import Counters, RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
 from counterflex.protocols.robot.wire import Wire
@@ -97,8 +102,6 @@ class RsiLink:
         # Likewise the measured pose; ABSENT without RIst
         self.measured_is = ABSENT if self._actual is None else ABOUT if set_angles else EXACT
         self._currents = self._reader.place(*_CURRENTS) if set(_CURRENTS) <= set(names) else None
-        self._delay, self._enable = _place_in(names, "Delay.D"), _place_in(names, "Enable")
-        self._stat = _ending_in(names, ".Stat")
         answers = self._writer.names
         by_pose, axes_word = {"RKorr.X", "RKorr.C"} <= set(answers), _first_of(("AKorr", "AK"), "A1", answers)
         self._pose_out = self._writer.place(*_tags("RKorr", "XYZABC")) if by_pose else None
@@ -116,7 +119,20 @@ class RsiLink:
         self.clamped = False  # The controller says that it limits the correction (free tag ``....Stat`` above 1)
         self.job = 0  # Number of the job that the program says it is of: ``Enable`` above 1; 0: it says none
         self._numbers: Float = np.zeros(len(names))
-        self._number_view = self._numbers.data  # the same, read faster
+        words = [_place_in(names, "Delay.D"), _place_in(names, "Enable"), _ending_in(names, ".Stat")]
+        self._words = ArrayTable(
+            READ_ARRAYS,
+            **self._reader.arrays(),
+            numbers=self._numbers,
+            words=np.array(words, dtype=np.int64),
+            pose=self._nominal,
+            axes=self._axes,
+            actual=_or_nowhere(self._actual),
+        )
+        self.telegram = records(TELEGRAM)  # What the newest one says beside poses and angles
+        self._message: Any = attributes(self.telegram)
+        self._message.late = self._message.newest = -1
+        self._message.cycle_ms = round(period_s * 1e3)
         self.holds_feed = self._place_of("FeedHold") >= 0  # The configuration has the tag ``FeedHold``
         places = [self._place_of(name) for name in ("Stop", "FeedHold", "Override", "State")]
         pieces, parts = self._writer.fixed
@@ -160,13 +176,38 @@ class RsiLink:
         """True where the speed of the program can be changed."""
         return self._override >= 0
 
-    def wait(self, timeout_s: float) -> bool:
-        """Wait for a telegram; see :class:`counterflex.protocols.robot.link.RobotLink`."""
+    def wait(self, timeout_s: float, waiting: int = 0) -> bool:
+        """Wait for a telegram; see :class:`counterflex.protocols.robot.link.RobotLink`.
+
+        Args:
+            waiting: See :meth:`RobotPort.wait`.
+        """
         self.elapsed, self.restarted = 0, False
-        received = self._port.wait(timeout_s, self._read)
+        received = self._port.wait(timeout_s, self._read, waiting)
         if received:
             self._count()
         return received
+
+    def compiled(self) -> CompiledLink | None:
+        """Reading and answering for the one call of a cycle; None where Python counts the axes otherwise."""
+        if self._counted is not None:
+            return None
+        return CompiledLink(
+            telegram=self.telegram,
+            port=self._port,
+            read=address_of(read_at),
+            read_table=self._words,
+            answer=address_of(answer_at),
+            answer_table=self._table,
+            reports=self._actual is not None,
+            axes=self._axes_out is not None,
+        )
+
+    def take(self) -> None:
+        """Take a telegram that was read in the one call of a cycle."""
+        self._port.counters.malformed_in_a_row, self._empty = 0, False
+        self._line.judge(self._message.counter)
+        self._count()
 
     def _read(self, length: int) -> Verdict:
         status = self._reader.read(self._port.data, length)
@@ -214,12 +255,10 @@ class RsiLink:
         self.elapsed, self.restarted = self._line.advance()
         counters.lost += self.elapsed - 1
         counters.telegrams += 1
-        if self._delay >= 0:
-            counters.late_at_robot = int(self._number_view[self._delay])
-        enable = 1.0 if self._enable < 0 else self._number_view[self._enable]
-        self.enable = enable > 0.5
-        self.job = int(enable + 0.5) if 1.5 < enable < 2**31 else 0
-        self.clamped = self._stat >= 0 and self._number_view[self._stat] > 1.5
+        message = self._message
+        read_words(self._words.rows, self.telegram)
+        counters.late_at_robot, message.newest = message.late, self._line.newest
+        self.enable, self.job, self.clamped = message.enable == 1, message.job, message.clamped == 1
 
     @property
     def address(self) -> tuple[str, int]:
@@ -280,13 +319,19 @@ class RsiLink:
         Returns:
             Whether an answer was sent: not, where a number cannot be written or nobody has asked yet.
         """
+        self.answered(correction, axes, stop=stop, feed_hold=feed_hold, override=override, state=state)
+        return self._send(self._line.newest, stop, feed_hold, override, state)
+
+    def answered(
+        self, correction: Float, axes: Float | None, *, stop: bool, feed_hold: bool, override: float, state: State
+    ) -> None:
+        """Keep an answer, which is also that to a telegram that cannot be read; see :meth:`answer`."""
         as_axes = axes is not None and self._axes_out is not None
         sent: Float = axes if as_axes and axes is not None else correction
         if as_axes and self._counted is not None:
             sent = self._counted.shown_change(sent)
         self._last_correction[:], self._last_as_axes = sent, as_axes
         self._again = stop, feed_hold, override, state
-        return self._send(self._line.newest, stop, feed_hold, override, state)
 
     def poll(self, period_s: float, most_s: float) -> None:
         """Poll when a telegram is due, see :meth:`RobotPort.poll`."""

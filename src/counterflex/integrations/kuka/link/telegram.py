@@ -6,6 +6,7 @@ Both directions share one layout class, so that a controller can be played with 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -49,6 +50,11 @@ class Reader:
             data, length, self._root, self._names, self._entries, self.values, self.seen
         )
         return int(status)
+
+    def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
+        """What :func:`.kernel.scan` takes, for a kernel that calls it."""
+        own = self._root, self._names, self._entries, self.values, self.seen
+        return dict(zip(("root", "names", "entries", "values", "seen"), own, strict=True))
 
     def read_bytes(self, data: bytes) -> int:
         """Read a telegram given as bytes; allocates, so not for the loop."""
