@@ -9,31 +9,35 @@ how many of the predicted 90 % intervals hold what was machined.
 
 Run ``OPENBLAS_NUM_THREADS=1 python benchmarks/accuracy.py --out out/accuracy``; it goes on where it was. ``--family``,
 ``--seeds``, ``--programs`` and ``--levels`` choose; ``--show`` prints the stored results with the goals; ``--store``
-adds those of ``--out`` to them, and to docs/twin.md; ``--quick`` is a smoke run.
+adds those of ``--out`` to them, and to docs/twin.md; ``--calibrate`` writes the factors on the intervals of the
+catalogue from tuning seeds into the package; ``--quick`` is a smoke run.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from datetime import UTC, datetime
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app import examples
+from counterflex.app import examples, prediction_interval
 from counterflex.app.campaign import campaign
 from counterflex.app.compensation.languages import write
 from counterflex.app.first_cut import first_cut
 from counterflex.app.inputs import Job, read_job, setting_of
-from counterflex.app.prediction_interval import foreseen
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.truth import exact_setting, truth_of
@@ -44,7 +48,7 @@ from counterflex.evaluate.summary import Variant
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.schema import write_toml
 from counterflex.plan.compensate import plan as make_plan
-from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS
+from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS, TUNING_SEEDS
 from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.truth import Truth
 from seeds_option import seeds_of
@@ -137,11 +141,15 @@ def one(name: str, family: str, seed: int, levels: list[str], out: str) -> list[
                 atomic.write_bytes(place / level / file, text.encode(own.program.encoding, errors="replace"))
             after = machined(read_job(place / level / program.name, cell), cell, truth, job)
             row = {"program": name, "family": family, "seed": seed, "level": level, **figures(before, after)}
-            if not exact and (found := foreseen(plan, known)) is not None:
+            if not exact and (drawn := prediction_interval.drawn_errors(plan, known)) is not None:
+                found = prediction_interval.foreseen(plan, known) or drawn
                 row["probability_of_worse"] = round(found.worse_share, 4)
-                for variant, i in (("nominal", found.nominal), ("compensated", found.compensated)):
+                for variant in VARIANTS:
+                    i = getattr(found, variant)
                     row[f"{variant}_interval_mm"] = [round(i.low_m / MM, 4), round(i.high_m / MM, 4)]
                     row[f"{variant}_median_mm"] = round(i.median_m / MM, 4)
+                    i = getattr(drawn, variant)
+                    row[f"{variant}_drawn_mm"] = [round(i.low_m / MM, 4), round(i.high_m / MM, 4)]
             rows.append(row)
     return rows
 
@@ -284,6 +292,56 @@ def same_for_all(errors_m: Float) -> tuple[float, float]:
     return 100.0 * float(np.median(left, axis=1).min()), 100.0 * float(left.max(axis=1).min())
 
 
+BEYOND: Final = 0.05
+"""Share of the cells that may lie beyond each end of an interval."""
+
+
+def conformal_factors(measured: Sequence[float], drawn: Sequence[Sequence[float]]) -> tuple[float, float]:
+    """Return factors on the logarithmic distance of the lower and the upper end from the median (split conformal).
+
+    Of n figures the ``ceil((n + 1) (1 - BEYOND))``-th smallest is taken: a further one lies beyond that end with
+    :data:`BEYOND` at most, if it is drawn as they are.
+
+    Args:
+        measured: n path errors.
+        drawn: Median, lower and upper end of the interval of each.
+
+    Raises:
+        ValueError: There are fewer figures than that rank.
+    """
+    rank = math.ceil((len(measured) + 1) * (1.0 - BEYOND))
+    if rank > len(measured):
+        raise ValueError(f"{len(measured)} figures say nothing of 1 in {1.0 / BEYOND:g}")
+    median, *ends = np.log(np.asarray(drawn)).T
+    lower, upper = (np.sort((np.log(measured) - median) / (end - median))[rank - 1] for end in ends)
+    return max(float(lower), 0.0), max(float(upper), 0.0)
+
+
+def calibrate(rows: list[dict[str, Any]], command: str) -> None:
+    """Write the factors on the intervals of the catalogue into the package.
+
+    Raises:
+        ValueError: The rows are too few, or not of tuning seeds.
+    """
+    mine = [row for row in rows if row["level"] == "catalogue"]
+    if not {row["seed"] for row in mine} <= set(TUNING_SEEDS):
+        raise ValueError("factors come from tuning seeds alone")
+    before, after = (
+        conformal_factors(
+            [row[f"{v}_path_p997_mm"] for row in mine], [(row[f"{v}_median_mm"], *row[f"{v}_drawn_mm"]) for row in mine]
+        )
+        for v in VARIANTS
+    )
+    seeds = sorted({row["seed"] for row in mine})
+    found = {
+        "level": "catalogue", "before": [round(f, 3) for f in before], "after": [round(f, 3) for f in after],
+        "cells": len(seeds), "figures": len(mine), "family": ", ".join(sorted({row["family"] for row in mine})),
+        "seeds": f"{seeds[0]}-{seeds[-1]}", "date": datetime.now(UTC).date().isoformat(), "command": command,
+    }  # fmt: skip
+    file = Path(prediction_interval.__file__).with_name(prediction_interval.CALIBRATION)
+    write_toml(file, {"levels": [found]})
+
+
 def _met(reached: bool) -> str:
     return "met" if reached else "**missed**"
 
@@ -349,6 +407,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--show", action="store_true")
     parser.add_argument("--store", action="store_true")
+    parser.add_argument("--calibrate", action="store_true")
     parser.add_argument("--quick", action="store_true")
     chosen = parser.parse_args()
     if chosen.show:
@@ -360,6 +419,8 @@ def main() -> int:
         if chosen.quick:
             programs, families, levels, seeds = ["groove"], ["wide"], ["catalogue"], [1]
         rows = measured(out, programs, families, seeds, levels, 1 if chosen.quick else chosen.workers)
+    if chosen.calibrate and not chosen.quick:
+        calibrate(rows, shlex.join(["python", "benchmarks/accuracy.py", *sys.argv[1:]]))
     if chosen.store:
         stored = json.loads(STORED.read_text())["rows"] if STORED.is_file() else []
         key = ("program", "family", "seed", "level")

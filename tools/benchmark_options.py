@@ -14,7 +14,7 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
     "accuracy": (
         (
             *("--quick", "--store", "--out", f"{FOLDER}/out", "--programs", "groove", "--family", "wide"),
-            *("--levels", "catalogue", "--seeds", "1-1", "--workers", "1"),
+            *("--levels", "catalogue", "--seeds", "1-1", "--workers", "1", "--calibrate"),
         ),
         ("--show",),
     ),
@@ -112,6 +112,12 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
         ("--quick", "--json", f"{FOLDER}/figures.json", "--mesh", f"{FOLDER}/impeller.stl"),
         ("--quick", "--columns"),
         ("--quick", "--roughing"),
+    ),
+    "truth_pieces": (
+        (
+            *("--quick", "--out", f"{FOLDER}/out", "--programs", "groove", "--levels", "catalogue", "exact"),
+            *("--seeds", "0"),
+        ),
     ),
     "twin_speed": (("--quick", "--json"),),
     "wall_finish": (

@@ -18,6 +18,9 @@ from counterflex.app.inputs import read_job, setting_of
 from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.prediction_interval import (
     Foreseen,
+    calibrated,
+    calibration_of,
+    drawn_errors,
     expected_deflection,
     foreseen,
     sharp_corners,
@@ -78,6 +81,30 @@ def intervals(plan: Plan, cell: Cell) -> dict[str, Expected]:
 
 def width(one: Expected) -> float:
     return one.high_m - one.low_m
+
+
+def test_a_calibration_moves_the_ends_in_logarithms_and_leaves_the_median() -> None:
+    drawn = Expected(0.4, 0.2, 0.6, "x")
+    assert calibrated(drawn, (1.0, 1.0)) == drawn
+    moved = calibrated(drawn, (0.5, 2.0))
+    assert (moved.median_m, moved.low_m, moved.high_m) == pytest.approx((0.4, 0.4 / 2.0**0.5, 0.4 * 1.5**2))
+    nothing = Expected(0.0, 0.0, 0.0, "x")
+    assert calibrated(nothing, (0.5, 2.0)) == nothing
+
+
+def test_the_calibration_of_the_catalogue_is_taken_by_no_other_level(cell: Cell, plan: Plan) -> None:
+    factors, drawn = calibration_of(cell), drawn_errors(plan, cell)
+    assert factors is not None
+    assert drawn is not None
+    assert intervals(plan, cell) == {
+        "nominal": calibrated(drawn.nominal, factors.before),
+        "compensated": calibrated(drawn.compensated, factors.after),
+    }
+    measured = identified(cell, 0.02)
+    by_class = read_cell(EXAMPLES / "cells" / "irb6640_d16.toml", assume_class=True)
+    assert calibration_of(measured) is None
+    assert calibration_of(by_class) is None
+    assert found(plan, measured) == drawn_errors(plan, measured)
 
 
 def test_what_was_measured_is_predicted_more_narrowly(cell: Cell, plan: Plan) -> None:

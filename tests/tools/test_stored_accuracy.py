@@ -5,13 +5,16 @@ from __future__ import annotations
 import importlib.util
 import json
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
-from counterflex.twin.truth.family import REPORTING_SEEDS
+from counterflex.app import prediction_interval
+from counterflex.cli import arguments
+from counterflex.twin.truth.family import REPORTING_SEEDS, TUNING_SEEDS
 
 ROOT = Path(__file__).parents[2]
 
@@ -81,3 +84,34 @@ def test_no_correction_alike_for_all_robots_leaves_less_than_the_bound(accuracy:
         assert np.median(left) > median - 0.5
         assert left.max() > worst - 0.5
     assert accuracy.same_for_all(np.array([0.7, 0.7])) == (0.0, 0.0)
+
+
+def test_conformal_factors_hold_nine_of_ten_further_cells(accuracy: ModuleType) -> None:
+    """Figures that lie a third above the median and scatter twice as far as drawn, 20 at a time."""
+    rng, inside, beyond = np.random.default_rng(3), [], []
+    for _ in range(400):
+        measured = 1.3 * np.exp(2.0 * rng.standard_normal(20))
+        lower, upper = accuracy.conformal_factors(measured, [(1.0, np.exp(-1.645), np.exp(1.645))] * 20)
+        low, high = np.exp(-1.645 * lower), np.exp(1.645 * upper)
+        further = 1.3 * np.exp(2.0 * rng.standard_normal(200))
+        inside.append(np.mean((further >= low) & (further <= high)))
+        beyond.append(np.mean(further > high))
+    assert 0.9 <= np.mean(inside) <= 0.92
+    assert np.mean(beyond) <= 0.05
+    with pytest.raises(ValueError, match="18 figures"):
+        accuracy.conformal_factors(measured[:18], [(1.0, 0.5, 2.0)] * 18)
+
+
+def test_the_factors_of_the_package_say_where_they_come_from() -> None:
+    file = Path(prediction_interval.__file__).with_name(prediction_interval.CALIBRATION)
+    for row in tomllib.loads(file.read_text(encoding="utf-8"))["levels"]:
+        seeds = arguments.seeds(row["seeds"])
+        assert len(seeds) == row["cells"] >= 20
+        assert set(seeds) <= set(TUNING_SEEDS)
+        assert f"--seeds {row['seeds']} " in row["command"] + " "
+
+
+def test_reporting_seeds_calibrate_nothing(accuracy: ModuleType) -> None:
+    row = {"level": "catalogue", "seed": REPORTING_SEEDS[0], "family": "wide"}
+    with pytest.raises(ValueError, match="tuning seeds"):
+        accuracy.calibrate([row] * 20, "")

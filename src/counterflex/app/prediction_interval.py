@@ -16,14 +16,21 @@ Of each draw the figure is taken as of the plan: 99.7 % of the path in the cut s
 that cut again what an earlier pass left belong to it (``Plan.judged``): at high feed they swing most. The
 interval is of a plan's own figures, so it holds no error of the program, of the tool or of the part's clamping.
 
+**Calibration.** Where the draws of a level of knowledge were compared with simulated cells
+(:data:`CALIBRATION`), the distance of each end from the median is multiplied, in logarithms, by a factor: the smallest
+with which at most one cell in twenty lies beyond that end (split conformal, with the correction for few cells).
+
 Sharp corners in the cut are not covered (:func:`sharp_corners`): the model brakes as the feed and the acceleration of
 the cell file say, a controller by rules of its own.
 """
 
 from __future__ import annotations
 
+import functools
+import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from importlib import resources
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -43,6 +50,7 @@ from counterflex.plan.plan import Plan
 from counterflex.plan.sag_and_play import play_deviation
 from counterflex.plan.static_correction import lasting
 from counterflex.robot.elasticity.compliance import shares
+from counterflex.robot.model.class_prior import AXES
 
 STRUCTURE: Final = 0.06
 """Of the deflection, in a direction of its own."""
@@ -55,6 +63,8 @@ of the controller at corners the rest. With exact constants the swings of 24 tun
 and groove) had 0.55 to 1.8 times the predicted size; 0.4 leaves no helix above its range, 0.3 one in twelve."""
 YIELD: Final = "drives.yield"
 """Name of the value of a first cut: what the drives yield, over what the class has them yield."""
+CALIBRATION: Final = "interval_factors.toml"
+"""Factors on the ends of intervals, with the command that wrote them, its seeds and its date."""
 SHARP_RAD: Final = 30.0 * DEG
 """Turn of the path from which on a controller slows down or stops by rules of its own."""
 SERVO: Final = "servo"
@@ -78,8 +88,67 @@ class Foreseen:
     worse_share: float
 
 
+@dataclass(frozen=True)
+class IntervalCalibration:
+    """Factors on the ends of drawn intervals: lower and upper end, on the logarithmic distance from the median."""
+
+    before: tuple[float, float]  # Of the program as it is
+    after: tuple[float, float]  # Of the compensated program
+    cells: int  # Simulated cells that were compared
+    figures: int  # Path errors that each factor comes from
+    family: str
+    seeds: str
+    date: str
+    command: str  # That wrote the factors
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """Plain values for a summary; ``text`` says which cells were compared."""
+        text = f"{self.cells} simulated cells ({self.family}, seeds {self.seeds}, {self.date})"
+        return asdict(self) | {"before": list(self.before), "after": list(self.after), "text": text}
+
+
+def calibration_of(cell: Cell) -> IntervalCalibration | None:
+    """Return the factors for what is known of a cell; None where no simulated cells were compared at that level.
+
+    There are factors for the catalogue alone: nothing identified, stiffness stated, drives and play by the class.
+    """
+    given = cell.class_drives
+    typical = given is not None and len(given.servo_axes) == len(given.play_axes) == AXES
+    if cell.tables.identified or cell.class_stiffness is not None or not typical:
+        return None
+    return _calibrations().get("catalogue")
+
+
+@functools.cache
+def _calibrations() -> dict[str, IntervalCalibration]:
+    data = tomllib.loads((resources.files("counterflex.app") / CALIBRATION).read_text(encoding="utf-8"))
+    return {
+        row.pop("level"): IntervalCalibration(tuple(row.pop("before")), tuple(row.pop("after")), **row)
+        for row in data["levels"]
+    }
+
+
+def calibrated(drawn: Expected, factors: tuple[float, float]) -> Expected:
+    """Return a drawn length with the ends of its interval moved by factors of :class:`IntervalCalibration`."""
+    low, high = (
+        drawn.median_m * (end / drawn.median_m) ** factor if drawn.median_m > 0.0 else end
+        for end, factor in zip((drawn.low_m, drawn.high_m), factors, strict=True)
+    )
+    return replace(drawn, low_m=low, high_m=high)
+
+
 def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Foreseen | None:
-    """Return the predicted path errors with what is not known.
+    """Return the predicted path errors of :func:`drawn_errors`, calibrated where there are factors for the cell."""
+    errors, factors = drawn_errors(plan, cell, places), calibration_of(cell)
+    if errors is None or factors is None:
+        return errors
+    nominal, compensated = calibrated(errors.nominal, factors.before), calibrated(errors.compensated, factors.after)
+    return replace(errors, nominal=nominal, compensated=compensated)
+
+
+def drawn_errors(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Foreseen | None:
+    """Return the predicted path errors with what is not known, as they are drawn.
 
     Returns:
         The figures; None where nothing is cut, nothing was predicted, or the robot holds the part (which this does not
@@ -131,8 +200,8 @@ def with_intervals(
 
     Returns:
         The same with ``headline`` in front (``before_mm`` and ``after_mm``: median, lower and upper end of the 90 %
-        interval; ``probability_of_worse``; ``sharp_corners`` that it does not cover), the interval ``p997_90_mm`` and
-        the median ``p997_median_mm`` in each predicted error, and the lowest mode that was taken.
+        interval; ``probability_of_worse``; ``sharp_corners`` that it does not cover; ``calibration``), the interval
+        ``p997_90_mm`` and the median ``p997_median_mm`` in each predicted error, and the lowest mode that was taken.
     """
     out = dict(figures) | {"lowest_mode": at_largest_force(cell, plan).shown}
     errors = foreseen(plan, cell, places)
@@ -145,6 +214,8 @@ def with_intervals(
         error = {"p997_median_mm": median, "p997_90_mm": [low, high]}
         out[f"predicted_{name}"] = figures[f"predicted_{name}"] | error
     headline |= {"probability_of_worse": round(errors.worse_share, 4), "sharp_corners": sharp_corners(plan)}
+    factors = calibration_of(cell)
+    headline["calibration"] = None if factors is None else factors.shown
     return {"headline": headline, **out}
 
 

@@ -95,7 +95,7 @@ def error_rows(predicted: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     headline, share = predicted.get("headline"), "99.7 % of the path in the cut"
     if headline is not None:
         rows = [
-            (f"Expected path error {what}", headline_text(headline[f"{what}_mm"]), share)
+            (f"Expected path error {what}", headline_text(headline[f"{what}_mm"]), share + _calibration(headline, what))
             for what in ("before", "after")
         ]
         worse = worse_text(headline["probability_of_worse"])
@@ -108,6 +108,17 @@ def error_rows(predicted: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         text = f"{error['p997_mm']:.3f} mm, largest {error['max_mm']:.3f} mm"
         rows.append((f"Model without its unknowns, {what}", text, share))
     return rows
+
+
+def _calibration(headline: Mapping[str, Any], what: str) -> str:
+    """Where the width of a range comes from; empty in a summary that does not say it."""
+    if "calibration" not in headline:
+        return ""
+    found = headline["calibration"]
+    if found is None:
+        return "; range as drawn, not calibrated"
+    factors = " and ".join(f"{factor:.2f}" for factor in found[what])
+    return f"; range calibrated on {found['text']}: logarithms of its ends about the median times {factors}"
 
 
 def headline_of(prediction: Mapping[str, Any]) -> Headline:
