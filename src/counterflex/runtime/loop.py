@@ -68,9 +68,8 @@ class Loop:
         correction: (6,) view: what to send, m and rotation vector, part axes.
         axes: (6,) view: the same as change of the axis angles, rad.
         monitor: Process monitoring and feed override.
-        records: LOOP and PLAN, for a kernel that reads them.
+        records: LOOP and PLAN, for a kernel that reads them; ``table``: arrays of a cycle beside them.
         memory: All that the loop remembers from one cycle to the next: its own arrays by name, in fixed order.
-        table: Arrays of :func:`counterflex.runtime.cycle.cycle` beside its record.
         cycles: (1,) view: cycles run so far; ``state_cycles`` is those from one snapshot of its memory to the next.
 
     Raises:

@@ -5,8 +5,7 @@ The call does not know whose they are: it has the address of their code and the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from counterflex.core.array_table import ArrayTable
 from counterflex.core.entry_calls import at_address_of
@@ -46,8 +45,7 @@ answer_telegram = at_address_of(ANSWER, {})
 drain_force = at_address_of(DRAIN, {"Drained": DRAINED})
 
 
-@dataclass(frozen=True, eq=False)
-class CompiledLink:
+class CompiledLink(NamedTuple):
     """Link of a robot in compiled code."""
 
     telegram: Records  # (1,) TELEGRAM
@@ -60,8 +58,7 @@ class CompiledLink:
     axes: bool  # axis corrections can be sent
 
 
-@dataclass(frozen=True, eq=False)
-class CompiledForce:
+class CompiledForce(NamedTuple):
     """Drain of a force sensor in compiled code."""
 
     drain: int  # address of a kernel of the signature DRAIN

@@ -19,6 +19,7 @@ from counterflex.protocols.session import whole_kernel as own
 from counterflex.protocols.session.senses import Sensing
 from counterflex.protocols.system.datagrams import INBOX
 from counterflex.protocols.tracker.drain_kernel import ARRAYS as TRACKER_ARRAYS
+from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.runtime.plausibility.axis_check import ABSENT
 
 _NOT_CHANGED: Final = ("plan", "watched_plan", "samples", "control", *INBOX)
@@ -59,21 +60,14 @@ class WholeCycle:
         self._port = robot.port
         wire, tracker, now = robot.port.wire, sensing.tracker, self.now
         assert isinstance(wire, UdpWire)
-        tables = [*tables, robot.read_table, robot.answer_table]
         now.fd, now.force_fd, now.tracker_fd = wire.target, -1, -1
         now.read, now.read_table = robot.read, robot.read_table.rows.ctypes.data
         now.answer, now.answer_table = robot.answer, robot.answer_table.rows.ctypes.data
         now.fill_kept, now.reports, now.axes = address_of(fill_answer), int(robot.reports), int(axes and robot.axes)
         now.commanded_is = link.commanded_is
         now.measured_is = ABSENT if sensing.angles is None else link.measured_is
-        if force is not None:
-            now.drain, now.drain_table, now.force_fd = force.drain, force.table.rows.ctypes.data, force.fd
-            tables.append(force.table)
-        poses = records(TRACKER_ARRAYS)
-        if tracker is not None:
-            now.tracker_fd, table = tracker.compiled()
-            poses = table.rows
-            tables.append(table)
+        tables = [*tables, robot.read_table, robot.answer_table, *self._sensors(force, tracker)]
+        poses = records(TRACKER_ARRAYS) if tracker is None else tables[-1].rows
         self._arrays: dict[str, np.ndarray[Any, Any]] = {
             "whole": whole,
             "cycle": tables[0].rows,
@@ -90,6 +84,17 @@ class WholeCycle:
         self._blocks(tables)
         self._table = ArrayTable(own.ARRAYS, **self._arrays)
         self._rehearsal = self._of_rehearsal()
+
+    def _sensors(self, force: CompiledForce | None, tracker: TrackerLink | None) -> list[ArrayTable]:
+        """Tables of the sensors' drains; their sockets are written."""
+        now, tables = self.now, []
+        if force is not None:
+            now.drain, now.drain_table, now.force_fd = force.drain, force.table.rows.ctypes.data, force.fd
+            tables.append(force.table)
+        if tracker is not None:
+            now.tracker_fd, table = tracker.compiled()
+            tables.append(table)
+        return tables
 
     def _blocks(self, tables: Iterable[ArrayTable]) -> None:
         """List all memory that a cycle changes."""

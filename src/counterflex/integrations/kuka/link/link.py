@@ -119,16 +119,7 @@ class RsiLink:
         self.clamped = False  # The controller says that it limits the correction (free tag ``....Stat`` above 1)
         self.job = 0  # Number of the job that the program says it is of: ``Enable`` above 1; 0: it says none
         self._numbers: Float = np.zeros(len(names))
-        words = [_place_in(names, "Delay.D"), _place_in(names, "Enable"), _ending_in(names, ".Stat")]
-        self._words = ArrayTable(
-            READ_ARRAYS,
-            **self._reader.arrays(),
-            numbers=self._numbers,
-            words=np.array(words, dtype=np.int64),
-            pose=self._nominal,
-            axes=self._axes,
-            actual=_or_nowhere(self._actual),
-        )
+        self._words = self._read_table(names)
         self.telegram = records(TELEGRAM)  # What the newest one says beside poses and angles
         self._message: Any = attributes(self.telegram)
         self._message.late = self._message.newest = -1
@@ -152,6 +143,18 @@ class RsiLink:
         self._last_correction: Float = np.zeros(6)
         self._last_as_axes = False
         self._repeated_counter = -1
+
+    def _read_table(self, names: Sequence[str]) -> ArrayTable:
+        words = [_place_in(names, "Delay.D"), _place_in(names, "Enable"), _ending_in(names, ".Stat")]
+        return ArrayTable(
+            READ_ARRAYS,
+            **self._reader.arrays(),
+            numbers=self._numbers,
+            words=np.array(words, dtype=np.int64),
+            pose=self._nominal,
+            axes=self._axes,
+            actual=_or_nowhere(self._actual),
+        )
 
     def _place_of(self, name: str) -> int:
         return _place_in(self._writer.names, name)
