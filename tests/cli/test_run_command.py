@@ -143,6 +143,7 @@ DANGERS: dict[str, tuple[dict[str, Any], str]] = {
     "zero": ({"tares": 2, "idle_n": 30.0}, "TARE FAILED: 30.0 N"),
     "trouble": ({"trouble": "a kernel"}, "INTERNAL: a kernel"),
     "foreign": ({"foreign": 9}, "UNKNOWN SENDER: 9"),
+    "malformed": ({"malformed": 8}, "UNREADABLE TELEGRAMS: 8"),
     "rejected": ({"rejected": 4}, "4 tracker samples rejected"),
     "set back": ({"set_back": 3}, "tracker's clock set back, 3 times"),
     "force stepped": ({"degraded": Cause.FORCE_OFFSET}, "FORCE STEPPED: look for another zero of the sensor"),

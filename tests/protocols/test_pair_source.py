@@ -30,7 +30,8 @@ class Played:
 
 
 @pytest.mark.parametrize(
-    ("flange", "holder", "saturated", "kept"), [(4, 40, False, 4), (0, 40, False, 0), (4, 40, True, 0), (4, 0, False, 4)]
+    ("flange", "holder", "saturated", "kept"),
+    [(4, 40, False, 4), (0, 40, False, 0), (4, 40, True, 0), (4, 0, False, 4)],
 )
 def test_samples_are_those_of_this_drain(flange: int, holder: int, saturated: bool, kept: int) -> None:
     first, second, wrench = Played(), Played(), SimpleNamespace(fresh=0)

@@ -506,3 +506,16 @@ def test_inertia_out_of_the_cut_does_not_blind_the_cut() -> None:
 
     assert run(False) == set()
     assert Event.MISSING_CUT in run(True)
+
+
+def test_a_force_beyond_what_the_spindle_takes_holds_the_feed_in_its_second_cycle() -> None:
+    """One cycle may be the sensor's own; the answer of the second, 8 ms after the first, asks for the hold."""
+    loop = active(force_limit_n=900.0)
+    assert mill(loop, 1.0, 0.08) == set()
+    place = pose.make(R, np.array([0.08, 0.0, 0.0]))
+    held = []
+    for _ in range(3):
+        loop.feed(CycleInputs(T_part_tcp=place, q=Q, w_tcp_part=np.array([0.0, 1000.0, 0, 0, 0, 0]), enable=True))
+        loop.run()
+        held.append(bool(loop.result.feed_hold))
+    assert held == [False, True, True]

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.identify.production.alignment import EXPONENTS, weights_at
+from counterflex.core.units import MM
+from counterflex.identify.production.alignment import EXPONENTS, AlignedRunRecord, PlannedCut, weights_at
 from counterflex.identify.production.drift import ForceDrift, RunFactor, drift
 from counterflex.identify.production.hypotheses import Kind
 
@@ -141,3 +142,31 @@ def test_stated_edges_and_too_few_runs() -> None:
     assert not two.is_known
     with pytest.raises(InputError, match="no run"):
         drift([], np.zeros(0), np.zeros(0, dtype=np.bool_))
+
+
+@pytest.mark.parametrize("air_mm", [0.0, 30.0])
+def test_a_run_without_air_is_refused_and_not_given_the_zero_0(air_mm: float) -> None:
+    """Where no air is the zero of the force is not known: no delay is found by a made-up one."""
+    x = np.arange(0.0, 0.1, 0.25 * MM)
+    n, at_x = len(x), np.arange(0.0, 0.1, 0.1 * MM)
+    cutting = (x >= air_mm * MM) & (x < 0.1 - air_mm * MM)
+    p, still = np.stack([x, 0.0 * x, 0.0 * x], axis=1), np.zeros((n, 3))
+    force = np.array([0.0, 300.0, 0.0]) * cutting[:, None]
+    ones = np.ones(n)
+    plan = PlannedCut(
+        p, x / 0.025, ones.astype(int), ones.astype(int), cutting, still, ones, ones, ones, ones, ones, ones, ones, ones,
+        force, np.zeros((n, 3, 3, len(EXPONENTS))), still, 1e-4,
+    )  # fmt: skip
+    m, good = len(at_x), np.ones(len(at_x), dtype=bool)
+    shown = np.zeros((m, 6))
+    shown[:, :3] = 40.0
+    shown[:, 1] += np.interp(at_x - 0.5 * MM, x, force[:, 1])  # 20 ms late, beside a zero of 40 N
+    run = AlignedRunRecord(
+        "run", at_x / 0.025, np.stack([at_x, 0.0 * at_x, 0.0 * at_x], axis=1), shown, np.zeros((m, 6)),
+        np.zeros((m, 3)), good, ~good, 4e-3,
+    )  # fmt: skip
+    if air_mm == 0.0:
+        with pytest.raises(InputError, match="no entry or exit"):
+            run.aligned(plan)
+    else:
+        assert run.aligned(plan).delay_s == pytest.approx(0.02, abs=2e-3)

@@ -175,6 +175,18 @@ def test_one_wrong_pose_does_not_turn_the_correction(wrong: dict[str, Any]) -> N
         assert sum(one is None for one in sent) <= 1
 
 
+def test_a_plan_is_needed_in_a_movement_alone() -> None:
+    """Some controllers plan nothing before and after it: a fault at the end of each program."""
+    link, none = EgmPathLink(port=0), {"T_frame_tcp_planned": None}
+    with joined(link) as controller:
+        for k in range(12):
+            moves = 4 <= k < 8
+            sent = answered(link, controller, robot(k, k * ALONG, guided=moves, **({} if moves else none)))
+            assert sent is not None or moves
+        assert answered(link, controller, robot(12, 12 * ALONG, **none)) is None
+        assert link.counters.malformed == 1
+
+
 @pytest.mark.parametrize("planned", [True, False])
 def test_a_corner_turns_the_correction_at_once_where_the_plan_has_it_else_with_the_next_message(planned: bool) -> None:
     link = EgmPathLink(port=0)

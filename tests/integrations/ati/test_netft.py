@@ -53,8 +53,7 @@ def test_gaps_are_counted_across_the_wrap(before: int, gap: int) -> None:
 
 @pytest.mark.parametrize(
     ("unit", "factor"),
-    [("N-m", 1.0), ("Nm", 1.0), ("N-mm", 1e-3), ("lbf-in", 0.1129848290276167), ("Lbf-In", 0.1129848290276167)]
-    + [("kg-cm", 0.0980665)],
+    [("N-m", 1.0), ("Nm", 1.0), ("N-mm", 1e-3), ("Lbf-in", 0.1129848290276167), ("kg-cm", 0.0980665)],
 )
 def test_units_of_real_devices(unit: str, factor: float) -> None:
     document = netft.write_scaling(1000, 1000, 7000, "Axia").replace(b"N-m", unit.encode())

@@ -141,6 +141,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         if publisher is not None:
             publisher.end()
     except CounterflexError as fault:
+        ended = _at_rest(session)  # a controller that was refused before anything was corrected leaves nothing behind
         _say(pipe, fault)
     session.link.close()
     if session.force is not None:

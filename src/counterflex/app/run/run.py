@@ -95,20 +95,15 @@ def run(
             summary = supervised.loop_report()
         except KeyboardInterrupt:  # the second one: the loop ramps out and ends by itself, and is still told
             with signals_wait():
-                _finish(supervised, settings, Path(out), begin)
+                supervised.control[Request.END] = 1
+                supervised.loop.join(2.0 * END_S)  # for as long as it may take
+                _summarise(supervised, supervised.summary(), settings, Path(out), begin)
             raise
         return _summarise(supervised, summary, settings, Path(out), begin)
     finally:
         if supervised is not None:
             with signals_wait():  # bounded; cut short it would leave memory and locks behind
                 supervised.close()
-
-
-def _finish(supervised: Supervised, settings: RunSettings, out: Path, begin: float) -> None:
-    """Wait until a loop that is left alone has ended, for as long as it may take, and write its summary."""
-    supervised.control[Request.END] = 1
-    supervised.loop.join(2.0 * END_S)
-    _summarise(supervised, supervised.summary(), settings, out, begin)
 
 
 def _summarise(
@@ -235,12 +230,11 @@ class Supervised:
             KeyboardInterrupt: The second one.
             CounterflexError: What ended the loop.
         """
-        permitted = False
+        due = [self._permit]
         while self.loop.is_alive():
             try:
-                if not permitted:
-                    permitted = True
-                    self._permit()
+                if due:
+                    due.pop()()
                 self._watch(watch, ended, end_s)
             except KeyboardInterrupt:
                 if self._interrupted:

@@ -51,6 +51,7 @@ class Status:
         tracker_off: How far from the controller's pose the tracker sees the tool, and what to do, where that keeps the
             loop from being armed; else empty.
         compared: What robot, frames and plan show (:func:`counterflex.protocols.session.comparison.compared`).
+        malformed: Telegrams that could not be read, so far.
     """
 
     state: State
@@ -79,6 +80,7 @@ class Status:
     set_back: int = 0
     tracker_off: str = ""
     compared: Mapping[str, float | None] = field(default_factory=dict)
+    malformed: int = 0
 
     def force_message(self) -> str:
         """Advice where the force is off the plan in the cut, for the status line; empty where it is not."""
@@ -156,6 +158,7 @@ class StatusReader:
             int(control[Tally.TRACKER_SET_BACK]),
             "" if off is None else offset_message(off),
             compared(control),
+            int(control[Tally.MALFORMED]),
         )
 
 

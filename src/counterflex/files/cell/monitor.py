@@ -42,7 +42,7 @@ class MonitorTable(Table):
     timing_ms: Level = 60.0
     place_mm: Level = 0.5
     missing_mm: Above = 2.0
-    overload_ms: Above = 12.0
+    overload_ms: Above = 8.0
     breakage_ms: Above = 24.0
     chatter_ms: Above = 60.0
     chatter_share: Annotated[float, Field(gt=0.0, le=10.0)] = 0.1

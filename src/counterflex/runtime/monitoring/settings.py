@@ -58,7 +58,7 @@ class MonitorSettings:
     timing_s: float = 60.0 * MS  # how far plan and force may be apart in time
     place_m: float = 0.5 * MM  # how far apart on the path (stock, part zero)
     missing_m: float = 2.0 * MM  # cut without force before it counts as missing
-    overload_s: float = 12.0 * MS  # how long an overload lasts before it counts
+    overload_s: float = 8.0 * MS  # how long an overload lasts before it counts
     breakage_s: float = 24.0 * MS  # likewise a drop
     chatter_s: float = 60.0 * MS  # likewise chatter
     chatter_share: float = 0.1  # broad-band vibration that belongs to a quiet cut, by mean force

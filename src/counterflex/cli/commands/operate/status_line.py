@@ -108,6 +108,7 @@ def _dangers(status: Status) -> str:
     text += status.force_message()
     if status.trouble:
         text += f"  INTERNAL: {status.trouble}"
+    text += f"  UNREADABLE TELEGRAMS: {status.malformed}" if status.malformed else ""
     return text + (f"  UNKNOWN SENDER: {status.foreign}" if status.foreign else "")
 
 

@@ -30,8 +30,8 @@ class EgmPathLink(EgmLink):
 
     One pose that is wrong would turn the frame, and a correction with it, by up to 180 deg, there and back. So a frame
     more than 3 deg from the last one is taken where the plan turns there, or when the next message shows it too, or
-    turns on as far again; until then the last one stays. Of a controller that plans its poses, a message without one is
-    malformed: the measured pose trails.
+    turns on as far again; until then the last one stays. Of a controller that plans its poses, a message of a movement
+    without one is malformed: the measured pose trails.
 
     EGM has no word for stop or feed hold here: told to stop, the link says nothing more, and the controller stops by
     its CommTimeout. So it does where a movement is run that is to be corrected and the loop is not armed.
@@ -56,14 +56,17 @@ class EgmPathLink(EgmLink):
         self._R_part_path: Float | None = None
         self._taken: Float | None = None  # (2, 3) tangent and tool axis of that frame
         self._shown: list[Float] = []  # Likewise of the last two messages that show a motion, whether taken or not
+        self._plans = False  # The controller has sent a planned pose
         self._way_m = 0.0  # In a message, of the newest motion that was taken
 
     def _lacks(self, state: RobotState) -> bool:
         """See :meth:`EgmLink._lacks`."""
-        return super()._lacks(state) or (self._T_part_planned is not None and state.T_frame_tcp_planned is None)
+        unplanned = self._plans and state.guided and state.T_frame_tcp_planned is None
+        return super()._lacks(state) or unplanned
 
     def fill(self, nominal: Float, q: Float) -> None:
         """Write planned pose (measured, where the controller sends none) and axis angles as commanded."""
+        self._plans = self._plans or self._T_part_planned is not None
         T = self._T_part_actual if self._T_part_planned is None else self._T_part_planned
         put_pose(nominal, T)
         q[:] = self._q
