@@ -64,7 +64,8 @@ def spent_s(process: int) -> float:
 
 def clicked(page: Page, process: int, minutes: float) -> list[dict[str, float]]:
     """Click through all pages and along the program; memory at the beginning and each minute."""
-    begin, out, clicks = time.monotonic(), [], 0
+    out: list[dict[str, float]] = []
+    begin, clicks = time.monotonic(), 0
     while not out or time.monotonic() - begin < 60.0 * minutes:
         for step in STEPS:
             studio_walk.click(page, f"go-{step}")
@@ -100,13 +101,12 @@ def main(points: int, minutes: float, seconds: float) -> dict[str, Any]:
             drawn = time.monotonic() - begin
             frames, script = page.value(WATCHED.replace("SECONDS", str(seconds)))
             memory = clicked(page, process, minutes)
-    print(
-        f"first page {first:.1f} s ({first_cpu:.2f} s of the studio's processor), program of {points} lines with its stock {drawn:.1f} s"
-    )
+    print(f"first page {first:.1f} s ({first_cpu:.2f} s of the studio's processor)")
+    print(f"program of {points} lines with its stock {drawn:.1f} s")
     print(f"{frames:.1f} frames a second drawn by the processor; script {script:.2f} ms a frame")
     return {
-        "first_page_s": first, "first_page_cpu_s": first_cpu, "drawn_s": drawn, "points": points, "frames_per_s": frames, "script_ms": script,
-        "memory": memory, "environment": environment(),
+        "first_page_s": first, "first_page_cpu_s": first_cpu, "drawn_s": drawn, "points": points,
+        "frames_per_s": frames, "script_ms": script, "memory": memory, "environment": environment(),
     }  # fmt: skip
 
 
