@@ -186,9 +186,12 @@ def from_a_file(page: Page, shot: Shot, folder: Path, readings: list[list[str]])
     enter(page, "sigma-R_tracker_target-1", "0.003")
     page.wait_text("checked", "0 outliers")
     shot("mapped")
+    page.value("document.querySelector('[data-test=\"take-cell\"]').dataset.old = '1'")
     click(page, "identify")
     page.wait_text("now", "tracker-frame-file.toml")
     made(page, "what", "done")
+    # The card is made anew after the command: a click on the former one goes nowhere.
+    page.wait("!!document.querySelector('[data-test=\"take-cell\"]:not([data-old])')", "the new values")
 
 
 CHANGES = "document.querySelector('[data-test=\"stock\"]').dataset.changes"

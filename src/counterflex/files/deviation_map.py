@@ -40,11 +40,11 @@ def _fields(deviations: PartDeviations) -> Mapping[str, Float]:
     }
 
 
-def _ply(deviations: PartDeviations, said: tuple[str, str]) -> bytes:
+def _ply(deviations: PartDeviations, remarks: tuple[str, str]) -> bytes:
     columns = dict(zip(("x", "y", "z"), (deviations.points / MM).astype("<f8").T, strict=True))
     columns |= zip(("nx", "ny", "nz"), deviations.normals.astype("<f4").T, strict=True)
     columns |= _fields(deviations)
-    head = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in said)]
+    head = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in remarks)]
     head.append(f"element vertex {len(deviations)}")
     head += [f"property {_TYPES[values.dtype.str[1:]][0]} {name}" for name, values in columns.items()]
     rows = np.empty(len(deviations), [(name, values.dtype) for name, values in columns.items()])
@@ -62,9 +62,9 @@ def _array(name: str, values: np.ndarray[Any, Any], kind: str = "") -> str:
     return f'<DataArray type="{kind}" Name="{name}"{parts} format="binary">{text}</DataArray>'
 
 
-def _vtp(deviations: PartDeviations, said: tuple[str, str]) -> bytes:
+def _vtp(deviations: PartDeviations, remarks: tuple[str, str]) -> bytes:
     count = len(deviations)
-    codes = " ".join(str(code) for code in [*"; ".join(said).encode("ascii"), 0])
+    codes = " ".join(str(code) for code in [*"; ".join(remarks).encode("ascii"), 0])
     fields = [_array(name, values) for name, values in _fields(deviations).items()]
     lines = [
         '<?xml version="1.0"?>',

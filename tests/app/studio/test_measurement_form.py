@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.app.studio import measurement_form
 from counterflex.app.studio.choices import choices
 from counterflex.app.studio.measured_file import MeasuredFile
 from counterflex.app.studio.measurement_form import MeasurementForm
 from counterflex.app.studio.project import Project
+from counterflex.core import atomic
 from counterflex.core.errors import OutputError
 from counterflex.core.units import DEG, MM
 from counterflex.files.dataset.proposal import write_proposal
@@ -74,14 +74,14 @@ def test_what_is_typed_is_what_the_command_reads(tmp_path: Path) -> None:
 
 def test_an_entry_during_a_slow_save_is_no_other_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     form = MeasurementForm.read(proposed(tmp_path / "form", "tracker_poses"), "some")
-    half, on, written = threading.Event(), threading.Event(), measurement_form.atomic.write_text
+    half, on, written = threading.Event(), threading.Event(), atomic.write_text
 
     def slow(path: Path, text: str) -> None:
         written(path, text)
         half.set()
         on.wait(0.5)  # the second save begins while the first has written the table alone
 
-    monkeypatch.setattr(measurement_form.atomic, "write_text", slow)
+    monkeypatch.setattr(atomic, "write_text", slow)
     with ThreadPoolExecutor(3) as pool:
         form.sigma["p_tracker_target", "mm"] = 0.02
         first = pool.submit(form.save)
