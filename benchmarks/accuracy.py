@@ -296,22 +296,25 @@ BEYOND: Final = 0.05
 """Share of the cells that may lie beyond each end of an interval."""
 
 
-def conformal_factors(measured: Sequence[float], drawn: Sequence[Sequence[float]]) -> tuple[float, float]:
+def conformal_factors(measured: Sequence[float], drawn: Sequence[Sequence[float]], cells: int) -> tuple[float, float]:
     """Return factors on the logarithmic distance of the lower and the upper end from the median (split conformal).
 
-    Of n figures the ``ceil((n + 1) (1 - BEYOND))``-th smallest is taken: a further one lies beyond that end with
-    :data:`BEYOND` at most, if it is drawn as they are.
+    Of n figures of c cells the ``ceil(n (c + 1) / c (1 - BEYOND))``-th smallest is taken: a figure of a further cell
+    lies beyond that end with :data:`BEYOND` at most, if it is drawn as they are. Cells are drawn independently, the
+    programs that one cell cuts are not: taken for independent figures they narrow an end to less than it holds (Lee,
+    Barber and Willett 2023, hierarchical conformal prediction).
 
     Args:
-        measured: n path errors.
+        measured: n path errors, as many of each cell.
         drawn: Median, lower and upper end of the interval of each.
+        cells: c.
 
     Raises:
         ValueError: There are fewer figures than that rank.
     """
-    rank = math.ceil((len(measured) + 1) * (1.0 - BEYOND))
+    rank = math.ceil(len(measured) * (cells + 1) / cells * (1.0 - BEYOND) - 1e-9)
     if rank > len(measured):
-        raise ValueError(f"{len(measured)} figures say nothing of 1 in {1.0 / BEYOND:g}")
+        raise ValueError(f"{cells} cells say nothing of 1 in {1.0 / BEYOND:g}")
     median, *ends = np.log(np.asarray(drawn)).T
     lower, upper = (np.sort((np.log(measured) - median) / (end - median))[rank - 1] for end in ends)
     return max(float(lower), 0.0), max(float(upper), 0.0)
@@ -326,13 +329,15 @@ def calibrate(rows: list[dict[str, Any]], command: str) -> None:
     mine = [row for row in rows if row["level"] == "catalogue"]
     if not {row["seed"] for row in mine} <= set(TUNING_SEEDS):
         raise ValueError("factors come from tuning seeds alone")
+    seeds = sorted({row["seed"] for row in mine})
     before, after = (
         conformal_factors(
-            [row[f"{v}_path_p997_mm"] for row in mine], [(row[f"{v}_median_mm"], *row[f"{v}_drawn_mm"]) for row in mine]
+            [row[f"{v}_path_p997_mm"] for row in mine],
+            [(row[f"{v}_median_mm"], *row[f"{v}_drawn_mm"]) for row in mine],
+            len(seeds),
         )
         for v in VARIANTS
     )
-    seeds = sorted({row["seed"] for row in mine})
     found = {
         "level": "catalogue", "before": [round(f, 3) for f in before], "after": [round(f, 3) for f in after],
         "cells": len(seeds), "figures": len(mine), "family": ", ".join(sorted({row["family"] for row in mine})),

@@ -32,7 +32,7 @@ from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.inputs import Setting
 from counterflex.plan.plan import across
 from counterflex.twin.truth.family import FAMILIES
-from counterflex.twin.truth.truth import SLIP_ELEMENTS, Truth
+from counterflex.twin.truth.truth import SLIP_ELEMENTS, Body, Truth
 from seeds_option import seeds_of
 
 Piece = Callable[[Truth], Truth]
@@ -42,9 +42,8 @@ LEVELS: Final = ("catalogue", "exact")
 def planned_pieces(cell: Cell) -> Iterator[tuple[str, Piece]]:
     """Replacements by what a plan with the cell file takes."""
     nominal, chain = truth_of(cell, None), cell.planning_chain
-    servo, play = chain.servo, chain.play
-    if servo is None or play is None:
-        raise ValueError("the class gives this cell no drives")
+    servo = [row for row in chain.servo or () if row is not None]
+    play = [row for row in chain.play or () if row is not None]
     yield "stiffness", lambda t: replace(t, bodies=_bodies(t, nominal, "compliance"), regions=nominal.regions)
     yield "force", lambda t: replace(t, cutting=replace(t.cutting, k_pa=nominal.cutting.k_pa))
     yield "ploughing", lambda t: replace(t, cutting=replace(t.cutting, edge_n_m=nominal.cutting.edge_n_m))
@@ -81,8 +80,16 @@ def planned_pieces(cell: Cell) -> Iterator[tuple[str, Piece]]:
 
 def removed_pieces(_: Cell) -> Iterator[tuple[str, Piece]]:
     """Truths without a piece, which the plan then knows to be absent."""
-    no_friction = {"motor_friction_nm": 0.0, "link_friction_nm": (0.0,) * SLIP_ELEMENTS, "dead_band_rad": 0.0}
-    yield "play and friction", lambda t: replace(t, drives=tuple(replace(d, **no_friction) for d in t.drives))
+    still = (0.0,) * SLIP_ELEMENTS
+    yield (
+        "play and friction",
+        lambda t: replace(
+            t,
+            drives=tuple(
+                replace(d, motor_friction_nm=0.0, link_friction_nm=still, dead_band_rad=0.0) for d in t.drives
+            ),
+        ),
+    )
     yield "runout", lambda t: replace(t, cutting=replace(t.cutting, runout_m=0.0))
     yield "ploughing", lambda t: replace(t, cutting=replace(t.cutting, edge_n_m=(0.0, 0.0, 0.0)))
     yield (
@@ -99,7 +106,7 @@ def removed_pieces(_: Cell) -> Iterator[tuple[str, Piece]]:
     )
 
 
-def _bodies(truth: Truth, other: Truth, name: str) -> tuple[object, ...]:
+def _bodies(truth: Truth, other: Truth, name: str) -> tuple[Body, ...]:
     pairs = zip(truth.bodies, other.bodies, strict=True)
     return tuple(replace(body, **{name: getattr(of, name)}) for body, of in pairs)
 
@@ -128,8 +135,8 @@ def rows(name: str, level: str, seed: int, folder: Path, few: bool) -> Iterator[
         exact = level == "exact"
         pieces = list((removed_pieces if exact else planned_pieces)(cell))
         known = None if exact else compensated(job, cell, setting_of(cell), place / "known")
-        for piece, change in [("none", lambda t: t), *pieces[: 1 if few else None]]:
-            true = change(truth)
+        for piece, change in [("none", None), *pieces[: 1 if few else None]]:
+            true = truth if change is None else change(truth)
             after, predicted = known or compensated(job, cell, exact_setting(job, cell, true), place / "exact")
             variants = (accuracy.machined(job, cell, true), accuracy.machined(after, cell, true, job))
             yield piece, predicted, [variant.path.path.p997_m / MM for variant in variants]

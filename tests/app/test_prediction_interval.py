@@ -288,6 +288,7 @@ def test_a_swing_is_drawn_larger_and_smaller_and_what_stays_is_not(
         monkeypatch.setattr(prediction_interval, name, 0.0)
     monkeypatch.setattr(prediction_interval, "sources", lambda *_: [])
     monkeypatch.setattr(DrivePrior, "yield_log_sigma", 0.0)
+    monkeypatch.setattr(prediction_interval, "calibration_of", lambda _: None)
     hz, up = at_largest_force(cell, plan).mode.hz, np.array([0.0, 0.0, 1.0])
     swing = 0.2 * MM * np.sin(2.0 * np.pi * hz * plan.path.time_s)[:, None] * up
     one = intervals(replace(plan, deviation_compensated_part=swing), cell)["compensated"]

@@ -91,15 +91,20 @@ def test_conformal_factors_hold_nine_of_ten_further_cells(accuracy: ModuleType) 
     rng, inside, beyond = np.random.default_rng(3), [], []
     for _ in range(400):
         measured = 1.3 * np.exp(2.0 * rng.standard_normal(20))
-        lower, upper = accuracy.conformal_factors(measured, [(1.0, np.exp(-1.645), np.exp(1.645))] * 20)
+        lower, upper = accuracy.conformal_factors(measured, [(1.0, np.exp(-1.645), np.exp(1.645))] * 20, 20)
         low, high = np.exp(-1.645 * lower), np.exp(1.645 * upper)
         further = 1.3 * np.exp(2.0 * rng.standard_normal(200))
         inside.append(np.mean((further >= low) & (further <= high)))
         beyond.append(np.mean(further > high))
     assert 0.9 <= np.mean(inside) <= 0.92
     assert np.mean(beyond) <= 0.05
-    with pytest.raises(ValueError, match="18 figures"):
-        accuracy.conformal_factors(measured[:18], [(1.0, 0.5, 2.0)] * 18)
+    drawn = [(1.0, 0.5, 2.0)]
+    with pytest.raises(ValueError, match="18 cells"):
+        accuracy.conformal_factors(measured[:18], drawn * 18, 18)
+    # Three programs of a cell that all tell the same are no more than one.
+    assert accuracy.conformal_factors(np.repeat(measured, 3), drawn * 60, 20) == pytest.approx(
+        accuracy.conformal_factors(measured, drawn * 20, 20)
+    )
 
 
 def test_the_factors_of_the_package_say_where_they_come_from() -> None:
