@@ -79,15 +79,15 @@ class _Trial:
         """The end of a motion under G61 is a stop, one under G64 is none."""
         program = AS_IT_IS.program(self._main(), self.cell)
         assert isinstance(program, RobotProgram), "the reader of a language of robots makes no other"
-        found = {tuple(np.round(program.motions[k].p_end / MM, 2).tolist()) for k in program.stops()}
-        wrong = [place for place, stop in _STOPS.items() if (place in found) != stop]
+        places = {tuple(np.round(program.motions[k].p_end / MM, 2).tolist()) for k in program.stops()}
+        wrong = [place for place, stop in _STOPS.items() if (place in places) != stop]
         return f"{wrong[0]} is {'no' if _STOPS[wrong[0]] else 'a'} stop" if wrong else ""
 
-    def told(self) -> str:
+    def recognised(self) -> str:
         """The signs tell the language in a file with any ending."""
         text = self._main().read_text(encoding="utf-8").splitlines()
-        signs, found = self.language.signs, foreign_language(text)
-        name = None if found is None else found.name
+        signs, foreign = self.language.signs, foreign_language(text)
+        name = None if foreign is None else foreign.name
         return "" if signs is not None and name == signs.name else f"the text is taken for {name or 'G-code'}"
 
     def cut_short(self) -> str:
@@ -176,7 +176,7 @@ def trial(dialect: str, cell_file: str | Path) -> list[Outcome]:
             tried.converted,
             tried.stops,
             tried.parts,
-            tried.told,
+            tried.recognised,
             tried.cut_short,
             tried.unchanged,
             tried.corrected,

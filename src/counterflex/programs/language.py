@@ -192,11 +192,11 @@ def at_prompt(part: str, *, own: bool = False) -> dict[str, str]:
         part: Field of :class:`Language`.
         own: Without those of other packages.
     """
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     for name, one in LANGUAGES.items():
         if getattr(one, part) is not None and (name in LANGUAGES.own or not own):
-            found.setdefault(one.prompt or name, name)  # Our own come first, so that no package takes their names
-    return found if own else {name: name for name in LANGUAGES.broken()} | found
+            names.setdefault(one.prompt or name, name)  # Our own come first, so that no package takes their names
+    return names if own else {name: name for name in LANGUAGES.broken()} | names
 
 
 def dialect_at(prompt: str, part: str) -> str:
