@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from counterflex.app.extensions import REGISTRIES, Extension, extensions
+from counterflex.core.errors import InputError
 from counterflex.core.registry import misfits
-from counterflex.programs.language import LANGUAGES, at_prompt
+from counterflex.programs.language import LANGUAGES, at_prompt, dialect_at, dialects, is_robot
+from counterflex.programs.reading import read_program_file
 
 LANGUAGE = """
 import re
@@ -90,6 +93,19 @@ def test_a_link_names_a_controller_that_can_be_imported(package: Callable[[str, 
     source += "LINK = RobotLinkKind(title='odd', open=print, simulated='added:controler')"
     package("counterflex.robot_links", "odd = added:LINK", source)
     assert "simulated = added:controler cannot be imported" in fault_of("odd")
+
+
+def test_a_language_that_cannot_be_loaded_says_why_where_it_is_named(
+    package: Callable[[str, str, str], None], tmp_path: Path
+) -> None:
+    package("counterflex.languages", "odd = added:LANGUAGE", LANGUAGE.format(**FORMS, more="convert=one"))
+    program = tmp_path / "part.odd"
+    program.write_text("Mvs P1\n", encoding="ascii")
+    assert "odd" in dialects()
+    with pytest.raises(InputError, match="read is missing"):
+        read_program_file(program, dialect="odd")
+    with pytest.raises(InputError, match="read is missing"):
+        is_robot(dialect_at("odd", "convert"))
 
 
 def test_a_sound_language_and_all_of_ours_have_no_fault(package: Callable[[str, str, str], None]) -> None:

@@ -35,6 +35,7 @@ SAMPLES = {
     "Staubli VAL 3": (
         '<?xml version="1.0" encoding="utf-8"?>\n<programs xmlns="http://www.staubli.com/robotics/VAL3/Program/2">\n',
         "begin\n  movel(pStart,tTool,mNom)\n  waitEndMove()\nend",
+        "  movel(pStart,tTool,mNom)",
     ),
     "Universal Robots script": ("def mill():\n  movel(p[0.1,0.2,0.3,0,3.14,0], a=1.2, v=0.25)\nend",),
     "Kawasaki AS or Adept V+": (".PROGRAM mill()\n  LMOVE p1\n.END",),

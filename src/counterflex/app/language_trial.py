@@ -13,9 +13,10 @@ from counterflex.app.conversion import run as convert
 from counterflex.app.inputs import AS_IT_IS, Job, read_job
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
-from counterflex.core.units import MM, UM
-from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.core.units import MM, MM_PER_S, UM
+from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
+from counterflex.path.toolpath import FEED
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.foreign_language import foreign_language
 from counterflex.programs.language import LANGUAGES, Language, object_at
@@ -38,6 +39,12 @@ G0 Z60
 M5
 M30
 """
+_STOPS: Final = {(20.12, -3.33, 50.0): True, (60.0, 20.0, 48.0): False}
+"""Whether the robot stops there, by place in mm."""
+_FEED_CHANGE: Final = 0.1
+"""Largest change of a feed: that of the length of the corrected path is below 2 %."""
+_WAVE_M: Final = 5.0 * MM
+"""Length of 1 rad of the correction along the path: short enough that points are added."""
 _SHIFT_M: Final = np.array([0.1, -0.07, 0.05]) * MM
 _TURN_RAD: Final = np.array([4e-4, -3e-4, 2e-4])
 _TOLERANCE_M: Final = 1.0 * UM
@@ -68,11 +75,19 @@ class _Trial:
         convert(self.source, self.cell_file, self.folder / "parts", self.prompt, points_per_file=3)
         return ""
 
-    def told(self) -> str:
+    def stops(self) -> str:
+        """The end of a motion under G61 is a stop, one under G64 is none."""
+        program = AS_IT_IS.program(self._main(), self.cell)
+        assert isinstance(program, RobotProgram), "the reader of a language of robots makes no other"
+        places = {tuple(np.round(program.motions[k].p_end / MM, 2).tolist()) for k in program.stops()}
+        wrong = [place for place, stop in _STOPS.items() if (place in places) != stop]
+        return f"{wrong[0]} is {'no' if _STOPS[wrong[0]] else 'a'} stop" if wrong else ""
+
+    def recognised(self) -> str:
         """The signs tell the language in a file with any ending."""
         text = self._main().read_text(encoding="utf-8").splitlines()
-        signs, found = self.language.signs, foreign_language(text)
-        name = None if found is None else found.name
+        signs, foreign = self.language.signs, foreign_language(text)
+        name = None if foreign is None else foreign.name
         return "" if signs is not None and name == signs.name else f"the text is taken for {name or 'G-code'}"
 
     def cut_short(self) -> str:
@@ -89,27 +104,29 @@ class _Trial:
 
     def unchanged(self) -> str:
         """Without a correction every byte stays."""
-        files = self._in_place(read_job(self._main(), self.cell), np.zeros(3), np.zeros(3))
+        job = read_job(self._main(), self.cell)
+        files = self._in_place(job, *np.zeros((2, len(job.sampled), 3)))
         other = [name for name, text in files.items() if (self._main().parent / name).read_bytes() != text.encode()]
         return f"{other[0]} differs" if other else ""
 
     def corrected(self) -> str:
         """A correction of every point and of the orientation is read back."""
-        job = read_job(self._main(), self.cell)
-        there = self.folder / "corrected"
+        job, there = read_job(self._main(), self.cell), self.folder / "corrected"
         there.mkdir()
-        for name, text in self._in_place(job, _SHIFT_M, _TURN_RAD).items():
+        way = np.cumsum(np.linalg.norm(np.diff(job.sampled.p_part_tcp, axis=0, prepend=0.0), axis=1))
+        shift = _SHIFT_M * (1.0 + 0.5 * np.sin(way / _WAVE_M))[:, None]
+        for name, text in self._in_place(job, shift, np.tile(_TURN_RAD, (len(way), 1))).items():
             (there / name).write_bytes(text.encode())
         back = read_job(there / self._main().name, self.cell)
-        wanted, way = job.sampled.p_part_tcp[:: max(1, len(job.sampled) // 300)] + _SHIFT_M, back.sampled.p_part_tcp
-        begin, step = way[:-1], np.diff(way, axis=0)
-        share = np.einsum("pnk,nk->pn", wanted[:, None] - begin, step) / np.maximum(np.sum(step**2, axis=1), 1e-30)
-        nearest = begin + np.clip(share, 0.0, 1.0)[..., None] * step
-        off_m = float(np.linalg.norm(nearest - wanted[:, None], axis=2).min(axis=1).max())
-        Rs, Rs_before = (one.program.Rs_part_tcp if isinstance(one.program, RobotProgram) else None for one in (back, job))
-        assert Rs is not None and Rs_before is not None, "a program of robots states its orientations"
-        turned = rotation.exp(_TURN_RAD) @ Rs_before[-1]  # The program holds one orientation
-        off_rad = float(np.linalg.norm(rotation.log(Rs @ turned.T), axis=-1).max())
+        cut = np.flatnonzero(job.sampled.kind == FEED)
+        cut = cut[:: max(1, len(cut) // 300)]
+        off_m = _distance(back.sampled.p_part_tcp, (job.sampled.p_part_tcp + shift)[cut])
+        feeds, old = ({m.feed_m_s for m in one.program.motions if m.feed_m_s > 0.0} for one in (back, job))
+        other = [feed for feed in feeds if min(abs(feed / one - 1.0) for one in old) > _FEED_CHANGE]
+        if other:
+            return f"a feed became {other[0] / MM_PER_S:g} mm/s"
+        turned = rotation.exp(_TURN_RAD) @ _orientations(job)[-1]  # The program holds one orientation
+        off_rad = float(np.linalg.norm(rotation.log(_orientations(back) @ turned.T), axis=-1).max())
         near = off_m <= _NEAR_M and off_rad <= _NEAR_RAD
         return "" if near else f"off by {off_m / UM:.3f} um and {off_rad * 1e6:.1f} urad"
 
@@ -121,11 +138,23 @@ class _Trial:
     def _in_place(self, job: Job, shift_m: Float, turn_rad: Float) -> dict[str, str]:
         if self.language.in_place is None:
             raise InputError("not tried: the language has no in_place")
-        n = len(job.sampled)
-        path = CompensatedPath.from_correction(job.sampled, np.tile(shift_m, (n, 1)), np.tile(turn_rad, (n, 1)))
+        path = CompensatedPath.from_correction(job.sampled, shift_m, turn_rad)
         write = object_at(self.language.in_place)
-        files: dict[str, str] = write(job.program, path, tolerance_m=_TOLERANCE_M, cycle_s=None, cell="", job="").files
+        files: dict[str, str] = write(job.program, path, tolerance_m=_TOLERANCE_M, cycle_s=1e-3, cell="", job="").files
         return files
+
+
+def _distance(way: Float, points: Float) -> float:
+    """Largest distance of points (k, 3) from a line through places (n, 3), m."""
+    step = np.diff(way, axis=0)
+    share = np.einsum("pnk,nk->pn", points[:, None] - way[:-1], step) / np.maximum(np.sum(step**2, axis=1), 1e-30)
+    nearest = way[:-1] + np.clip(share, 0.0, 1.0)[..., None] * step
+    return float(np.linalg.norm(nearest - points[:, None], axis=2).min(axis=1).max())
+
+
+def _orientations(job: Job) -> Float:
+    assert isinstance(job.program, RobotProgram), "the reader of a language of robots makes no other"
+    return np.asarray(job.program.Rs_part_tcp)
 
 
 def trial(dialect: str, cell_file: str | Path) -> list[Outcome]:
@@ -143,7 +172,15 @@ def trial(dialect: str, cell_file: str | Path) -> list[Outcome]:
         raise InputError("a language of robots with convert is tried", value=dialect)
     with tempfile.TemporaryDirectory() as folder:
         tried = _Trial(dialect, Path(cell_file), Path(folder))
-        laws = (tried.converted, tried.parts, tried.told, tried.cut_short, tried.unchanged, tried.corrected)
+        laws = (
+            tried.converted,
+            tried.stops,
+            tried.parts,
+            tried.recognised,
+            tried.cut_short,
+            tried.unchanged,
+            tried.corrected,
+        )
         return [(str(law.__doc__), _outcome(law)) for law in laws]
 
 

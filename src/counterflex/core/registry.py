@@ -62,8 +62,8 @@ def misfits(thing: Any) -> Iterator[str]:
     for field in dataclasses.fields(thing):
         value, kind = getattr(thing, field.name), declared[field.name]
         if not _fits(value, kind):
-            shown = kind.__name__ if isinstance(kind, type) and not get_args(kind) else kind
-            yield f"{field.name} = {value!r:.60} is no {str(shown).replace('collections.abc.', '').replace('typing.', '')}"
+            shown = str(kind.__name__ if isinstance(kind, type) and not get_args(kind) else kind)
+            yield f"{field.name} = {value!r:.60} is no {shown.replace('collections.abc.', '').replace('typing.', '')}"
         yield from (f"{field.name}.{wrong}" for wrong in misfits(value))
 
 
@@ -147,6 +147,14 @@ class Registry(Generic[T]):
             except InputError:
                 continue
             yield name, thing
+
+    def broken(self) -> Iterator[str]:
+        """Names of what cannot be loaded: to ask for one says why."""
+        for name in self:
+            try:
+                self[name]
+            except InputError:
+                yield name
 
     def _of_package(self, point: importlib.metadata.EntryPoint) -> T:
         where = f"{_package(point)}: entry point {point.name} = {point.value} of {self.group}"

@@ -125,7 +125,9 @@ class Language:
     def __post_init__(self) -> None:
         wrong = [one for one in self.endings if not re.fullmatch(r"\.[^.\sA-Z]+", one)]
         if wrong:
-            raise InputError("an ending is a dot and lower-case characters", value=repr(self.endings), limit="('.prg',)")
+            raise InputError(
+                "an ending is a dot and lower-case characters", value=repr(self.endings), limit="('.prg',)"
+            )
         if self.comment is not None and self.comment.groups < 1:
             raise InputError("the comment of a language needs a group, its text", value=self.comment.pattern)
         needed = {
@@ -167,9 +169,10 @@ LANGUAGES: Final[Registry[Language]] = Registry(
 
 
 def dialects() -> Iterator[str]:
-    """Names that a program can be read in, :data:`BY_ENDING` first."""
+    """Names that a program can be read in, :data:`BY_ENDING` first; to use one that cannot be loaded says why."""
     yield BY_ENDING
     yield from (name for name, one in LANGUAGES.items() if one.read is not None)
+    yield from LANGUAGES.broken()
 
 
 def robot_dialects() -> Iterator[str]:
@@ -189,11 +192,11 @@ def at_prompt(part: str, *, own: bool = False) -> dict[str, str]:
         part: Field of :class:`Language`.
         own: Without those of other packages.
     """
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     for name, one in LANGUAGES.items():
         if getattr(one, part) is not None and (name in LANGUAGES.own or not own):
-            found.setdefault(one.prompt or name, name)  # Our own come first, so that no package takes their names
-    return found
+            names.setdefault(one.prompt or name, name)  # Our own come first, so that no package takes their names
+    return names if own else {name: name for name in LANGUAGES.broken()} | names
 
 
 def dialect_at(prompt: str, part: str) -> str:

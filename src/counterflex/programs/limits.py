@@ -28,7 +28,9 @@ class Limits:
         least = {"line_characters": 1, "name_characters": 1, "points_per_file": 1, "position_decimals": 0}
         for name, low in {**least, "angle_decimals": 0}.items():
             if getattr(self, name) < low:
-                raise InputError(f"{name} of a controller is out of range", value=getattr(self, name), limit=f">= {low}")
+                raise InputError(
+                    f"{name} of a controller is out of range", value=getattr(self, name), limit=f">= {low}"
+                )
 
 
 LINUXCNC: Final = Limits(

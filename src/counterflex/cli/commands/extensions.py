@@ -25,8 +25,9 @@ def extensions(
 ) -> None:
     """List recipes, force laws, force sensors, languages, robots, materials, commands that packages add, and our own.
 
-    Each is loaded, with the parts that it names, to see whether it works. With a language, a program is converted to it,
-    read back, written in place, split, cut short. Ends with status 1 when one fails. docs/extend.md says how to add one.
+    Each is loaded, with the parts that it names, to see whether it works. With a language, a program is converted to
+    it, read back, written in place, split, cut short. Ends with status 1 when one fails. docs/extend.md says how to add
+    one.
 
     Examples: `counterflex extensions`, `counterflex extensions krl --cell cell.toml`
     """

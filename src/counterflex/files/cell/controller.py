@@ -109,7 +109,7 @@ _TABLES: Final[dict[str, Any]] = {
     name: (table := _statements_table(one.short, one.forms.end), table())
     for name, one in LANGUAGES.items()
     if one.forms is not None
-}
+} | {name: (StatementsTable, StatementsTable()) for name in LANGUAGES.broken()}
 _SpindleLanguages: Any = create_model("SpindleLanguages", __base__=_SpindleTimes, **_TABLES)
 
 

@@ -173,6 +173,6 @@ def read_file(
     motions = tuple(with_axes(reader.motions, rotations) if leans else reader.motions)
     return MelfaProgram(
         name=file.name, dialect="melfa", lines=tuple(lines), newline="\n", blocks=blocks, motions=motions,
-        straight=len({block.file for block in blocks}) == 1, encoding=encoding, Rs_part_tcp=rotations, acting=tuple(reader.acting),
-        exact=frozenset(reader.exact), flags=tuple(reader.flags),
+        straight=len({block.file for block in blocks}) == 1, encoding=encoding, Rs_part_tcp=rotations,
+        acting=tuple(reader.acting), exact=frozenset(reader.exact), flags=tuple(reader.flags),
     )  # fmt: skip

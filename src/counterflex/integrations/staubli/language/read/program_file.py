@@ -113,8 +113,8 @@ class Val3Routine:
         if end < 0:
             return begin + 1, len(self.lines)
         head, tail = "".join(self.lines[:begin]), "".join(self.lines[end:])
-        wanted = ("Program", "Programs") if re.search(r"<programs\b", head, re.IGNORECASE) else ("Program",)
-        missing = next((one for one in wanted if not re.search(f"</{one}>", tail, re.IGNORECASE)), None)
+        required = ("Program", "Programs") if re.search(r"<programs\b", head, re.IGNORECASE) else ("Program",)
+        missing = next((one for one in required if not re.search(f"</{one}>", tail, re.IGNORECASE)), None)
         if self.complete and missing is not None:
             raise ProgramError(f"the file stops before </{missing}>: it may be cut off",
                                where=f"{self.name}:{len(self.lines)}",
