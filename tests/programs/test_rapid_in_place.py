@@ -190,3 +190,27 @@ def test_a_speed_is_an_option_of_its_instruction() -> None:
     text = write_rapid_in_place(program, CompensatedPath.nominal(path), cycle_s=1e-4)
     assert text.files["m.mod"].count("v20\\V:=10.0000,z1") == 1
     assert [m.feed_m_s for m in read_back(text).motions] == [0.0, 0.01, 0.02]
+
+
+def test_a_function_in_a_target_leaves_its_statement_as_it_is() -> None:
+    """A FUNC runs lines of its own: the motion keeps its line, and its compact IF guards all of its pieces."""
+    source = """MODULE m
+PERS tooldata t:=[TRUE,[[0,0,150],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+CONST robtarget p:=[[0,0,50],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+FUNC robtarget at(num x)
+RETURN Offs(p,x,0,0);
+ENDFUNC
+PROC main()
+VAR num n:=3;
+MoveL at(0),v20,fine,t;
+IF n=3 MoveL at(60),v20,fine,t;
+ENDPROC
+ENDMODULE
+"""
+    program = read_rapid(source, name="part.mod")
+    assert [program.blocks[motion.block].line for motion in program.motions] == [9, 10]
+    text = write_rapid_in_place(program, corrected(program, 300.0 * UM, 9.0), tolerance_m=5.0 * UM, cycle_s=1e-3)
+    behind = text.files["part.mod"].split("IF n=3")[1]
+    assert behind.startswith(" THEN")
+    assert behind.count("MoveL") > 2
+    assert behind.index("ENDIF") > behind.rindex("MoveL")

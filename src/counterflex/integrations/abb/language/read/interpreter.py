@@ -53,6 +53,7 @@ class RapidInterpreter(RapidFlow, Instructions, Calls):
         self._running: list[RapidRoutine] = []
         self._most = _MOST + sum(len(r.statements) for module in modules.modules for r in module.routines.values())
         self._count, self._still, self._made, self.main_line = 0, 0, 0, 1
+        self.here: list[int] | None = None  # Index of the block of the statement that is executed, alone in a list
         self._seen: dict[int, int] = {}
 
     @classmethod
@@ -95,7 +96,7 @@ class RapidInterpreter(RapidFlow, Instructions, Calls):
                 f"{routine.name} calls itself", where=self.source.place(place[0]), value=routine.name,
                 limit=f"routines {_DEEPEST} deep", hint="Post the path without recursion",
             )  # fmt: skip
-        parent, now = self._call, self.now
+        parent, now, guard, words, here = self._call, self.now, self.guard, self._words, self.here
         self.calls.append(RoutineCall(routine.name, routine.start, routine.end, routine.place, parent, place))
         self._call = len(self.calls) - 1
         self._running.append(routine)
@@ -115,7 +116,11 @@ class RapidInterpreter(RapidFlow, Instructions, Calls):
         finally:
             self.memory.leave()
             self._running.pop()
-        self._call, self.now = parent, now
+        self._call, self.now, self.guard = parent, now, guard
+        if here is not None and routine.kind == "FUNC":  # the statement that asks for its value goes on
+            block = self._blocks[here[0]]
+            here[0], self.here, self._words = len(self._blocks), here, words
+            self._blocks.append(replace(block, first_motion=len(self.motions)))
         return value
 
     def _left_perhaps(self, routine: RapidRoutine, may: MayReturn) -> object:
@@ -181,28 +186,31 @@ class RapidInterpreter(RapidFlow, Instructions, Calls):
         self.tick(statement)
         self.guard = tree.guard
         self._words = []
-        first, count, index = len(self.motions), 1, len(self._blocks)
+        first, count, here = len(self.motions), 1, [len(self._blocks)]
         before, part = self.state("G1"), self.source.part(statement.start)
         text, file = self._lines[part.first_line + statement.line - 1], "" if part.start == 0 else part.name
         self.main_line = self.main_line if file else statement.line
         self._blocks.append(Block(statement.line, text, (), before, first, 0, file=file))
-        function = self._function(tree)
-        if function is not None:
-            self.do(function)
-            count = function.lines
-        else:
-            try:
+        self.here = here
+        try:
+            function = self._function(tree)
+            if function is not None:
+                self.do(function)
+                count = function.lines
+            else:
                 self._statement(statement)
-            except ExpressionError as fault:
-                raise self.fault(
-                    f"this cannot be evaluated: {fault}", self.now, limit="values that fit together",
-                    hint="Check types, indices and sizes",
-                ) from fault  # fmt: skip
-        if len(self._blocks) == index + 1:  # no call, whose statements have blocks of their own
+        except ExpressionError as fault:
+            raise self.fault(
+                f"this cannot be evaluated: {fault}", self.now, limit="values that fit together",
+                hint="Check types, indices and sizes",
+            ) from fault  # fmt: skip
+        finally:
+            self.here = None
+        if len(self._blocks) == here[0] + 1:  # no call, whose statements have blocks of their own
             made = len(self.motions) - first
             if made or self._words:
                 state = self.state(self.motion_code(first))
-                self._blocks[index] = Block(statement.line, text, tuple(self._words), state, first, made, file=file)
+                self._blocks[here[0]] = Block(statement.line, text, tuple(self._words), state, first, made, file=file)
         return count
 
     def _statement(self, statement: RapidStatement) -> None:

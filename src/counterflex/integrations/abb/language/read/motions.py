@@ -128,11 +128,8 @@ class RapidMotions(Execution):
         if auxiliary is not None:
             p_via, _ = self._placed(auxiliary, T_object)
             self.circle(p_via, lambda what, hint: self.fault(what, statement, hint=hint))
-        if at.time is not None and len(self.motions) > 1:
-            self._timed(statement, at.time_s)
-        elif len(self.motions) > 1:
-            turning = [at.turning_rad_s * self.override]
-            self.motions[-1] = slowed_by_turning(self.motions[-1], self.rotations[-2:], turning)
+        if len(self.motions) > 1:
+            self._last_speed(statement, at)
         self._words += [Word(letter, value, 0, 0) for letter, value in zip("XYZ", target.position_mm, strict=True)]
         guard = None if self.guard is None else self.guard.end + 1
         self.moves.append(
@@ -235,6 +232,14 @@ class RapidMotions(Execution):
             return 0.0, 1.0
         feed = speed.m_s * self.override
         return (min(feed, self.largest_m_s)), self.override
+
+    def _last_speed(self, statement: RapidStatement, at: Speed) -> None:
+        """Give the last motion the speed that its time, or its turn, means."""
+        if at.time is not None:
+            self._timed(statement, at.time_s)
+            return
+        turning = [at.turning_rad_s * self.override]
+        self.motions[-1] = slowed_by_turning(self.motions[-1], self.rotations[-2:], turning)
 
     def _timed(self, statement: RapidStatement, time_s: float) -> None:
         """Give the last motion the speed that its time means."""

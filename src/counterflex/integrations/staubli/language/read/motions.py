@@ -114,9 +114,7 @@ class Val3MotionExecution(ExecutionByAxes[Val3Motion]):
             auxiliary = self._target(points[0][0], routine, at, word)
             self._circle(auxiliary, routine, at)
             literals.append(auxiliary.literal)
-        if len(self.motions) > 1 and "rmax" in attributes:
-            turning = [float(attributes["rmax"]) * DEG]
-            self.motions[-1] = slowed_by_turning(self.motions[-1], self.rotations[-2:], turning)
+        self._slow(attributes)
         self._words += [Word(c, float(v) * 1e3, 0, 0) for c, v in zip("XYZ", T[:3, 3], strict=True)]
         self.uses.update(key for key in literals if key is not None)
         self.moves.append(Val3Motion(
@@ -125,6 +123,12 @@ class Val3MotionExecution(ExecutionByAxes[Val3Motion]):
             auxiliary=literals[1] if word == "movec" else None, auxiliary_named=points[0][1], tool=tool[0],
             speed=attributes, speed_named=speed[1], exact=exact,
         ))  # fmt: skip
+
+    def _slow(self, attributes: Mapping[str, str]) -> None:
+        """Give the last motion the speed that its turn leaves."""
+        if len(self.motions) > 1 and "rmax" in attributes:
+            turning = [float(attributes["rmax"]) * DEG]
+            self.motions[-1] = slowed_by_turning(self.motions[-1], self.rotations[-2:], turning)
 
     def _circle(self, auxiliary: _Target, routine: Val3Routine, at: int) -> None:
         if auxiliary.T_father_tool is None:
