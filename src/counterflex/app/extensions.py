@@ -74,9 +74,18 @@ def extensions(registries: Sequence[Registry[Any]] = REGISTRIES) -> list[Extensi
 
 def _faults(registry: Registry[Any], name: str, entry: Any) -> Iterator[str]:
     """Why parts of what is registered cannot be used: each is imported and held against how it is called."""
-    fields = dataclasses.fields(entry) if dataclasses.is_dataclass(entry) else ()
-    for field in fields:
-        place, part = getattr(entry, field.name), getattr(entry, field.name)
+    yield from _not_usable(entry)
+    if isinstance(entry, Language) and registry is LANGUAGES:
+        others = {(one.prompt or key): key for key, one in LANGUAGES.items() if key != name}
+        if (entry.prompt or name) in others and name not in LANGUAGES.own:
+            yield f"the name {entry.prompt or name} at the prompt is that of {others[entry.prompt or name]}"
+    if isinstance(entry, Maker) and entry.language not in LANGUAGES:
+        yield f"no language {entry.language} is registered, which the maker names"
+
+
+def _not_usable(entry: Any) -> Iterator[str]:
+    for field in dataclasses.fields(entry) if dataclasses.is_dataclass(entry) else ():
+        place = part = getattr(entry, field.name)
         if isinstance(place, str) and _PLACE.fullmatch(place):
             try:
                 part = imported(place)
@@ -85,12 +94,6 @@ def _faults(registry: Registry[Any], name: str, entry: Any) -> Iterator[str]:
                 continue
         if isinstance(entry, Language) and part is not None:
             yield from _not_called(entry, field.name, part)
-    if isinstance(entry, Language) and registry is LANGUAGES:
-        others = {(one.prompt or key): key for key, one in LANGUAGES.items() if key != name}
-        if (entry.prompt or name) in others and name not in LANGUAGES.own:
-            yield f"the name {entry.prompt or name} at the prompt is that of {others[entry.prompt or name]}"
-    if isinstance(entry, Maker) and entry.language not in LANGUAGES:
-        yield f"no language {entry.language} is registered, which the maker names"
 
 
 def _not_called(language: Language, field: str, part: Any) -> Iterator[str]:

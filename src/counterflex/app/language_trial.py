@@ -55,7 +55,7 @@ Outcome = tuple[str, str]
 """A law, and why it does not hold or was not tried; empty where it holds."""
 
 
-class _Trial:
+class _LanguageTrial:
     def __init__(self, dialect: str, cell_file: Path, folder: Path) -> None:
         self.dialect, self.language, self.folder = dialect, LANGUAGES[dialect], folder
         self.prompt = self.language.prompt or dialect
@@ -158,7 +158,7 @@ def _orientations(job: Job) -> Float:
 
 
 def trial(dialect: str, cell_file: str | Path) -> list[Outcome]:
-    """Try a language, each law of :class:`_Trial`.
+    """Try a language, each law of :class:`_LanguageTrial`.
 
     Args:
         dialect: Of a robot, with ``convert``.
@@ -171,7 +171,7 @@ def trial(dialect: str, cell_file: str | Path) -> list[Outcome]:
     if not language.robot or language.convert is None:
         raise InputError("a language of robots with convert is tried", value=dialect)
     with tempfile.TemporaryDirectory() as folder:
-        tried = _Trial(dialect, Path(cell_file), Path(folder))
+        tried = _LanguageTrial(dialect, Path(cell_file), Path(folder))
         laws = (
             tried.converted,
             tried.stops,

@@ -102,15 +102,23 @@ def foreign_language(lines: Sequence[str]) -> Foreign | None:
     whole = [*plain, *((number, lines[number - 1].strip()) for number, _ in plain)]
     robots = {one.signs.name for _, one in LANGUAGES.items() if one.robot and one.signs is not None}
     for signs, sure, likely in _compiled():
-        shown = whole if signs.name in robots else plain  # Brackets hold no comments in languages of robots
-        for number, text in shown:
-            if any(sign.search(text) for sign in sure):
-                return Foreign(signs.name, number, text[:60], signs.hint)
-        match = [next((item for item in shown if sign.search(item[1])), None) for sign in likely]
-        hits = sorted(item for item in match if item is not None)
-        if len(hits) > 1:
-            return Foreign(signs.name, hits[0][0], hits[0][1][:60], signs.hint)
+        # Brackets hold no comments in languages of robots
+        told_by = _first_sign(whole if signs.name in robots else plain, sure, likely)
+        if told_by is not None:
+            return Foreign(signs.name, told_by[0], told_by[1][:60], signs.hint)
     return None
+
+
+def _first_sign(
+    lines: Sequence[tuple[int, str]], sure: Sequence[re.Pattern[str]], likely: Sequence[re.Pattern[str]]
+) -> tuple[int, str] | None:
+    """The line with one sure sign, or else the first of those with two likely ones."""
+    first = next((item for item in lines if any(sign.search(item[1]) for sign in sure)), None)
+    if first is not None:
+        return first
+    match = [next((item for item in lines if sign.search(item[1])), None) for sign in likely]
+    hits = sorted(item for item in match if item is not None)
+    return hits[0] if len(hits) > 1 else None
 
 
 def language_among(lines: Sequence[str], dialects: Sequence[str]) -> str | None:

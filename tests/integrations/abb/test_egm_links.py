@@ -177,7 +177,8 @@ def test_one_wrong_pose_does_not_turn_the_correction(wrong: dict[str, Any]) -> N
 
 def test_a_plan_is_needed_in_a_movement_alone() -> None:
     """Some controllers plan nothing before and after it: a fault at the end of each program."""
-    link, none = EgmPathLink(port=0), {"T_frame_tcp_planned": None}
+    link = EgmPathLink(port=0)
+    none: dict[str, Any] = {"T_frame_tcp_planned": None}
     with joined(link) as controller:
         for k in range(12):
             moves = 4 <= k < 8

@@ -131,13 +131,13 @@ class _Cell:
             whole.rehearse()
             self.rehearsals += 1
         self.session.cycle(1.0 if datagrams else 1e-3)
-        data = None
+        last: bytes | None = None
         while True:
             try:
-                data = self._robot.recv(10_000)
+                last = self._robot.recv(10_000)
             except BlockingIOError:
                 break
-            self.answers.append(data)
+            self.answers.append(last)
         self.device.answer(data)
 
     def _telegram(self, k: int, row: int) -> bytes:

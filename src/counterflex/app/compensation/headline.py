@@ -114,11 +114,11 @@ def _calibration(headline: Mapping[str, Any], what: str) -> str:
     """Where the width of a range comes from; empty in a summary that does not say it."""
     if "calibration" not in headline:
         return ""
-    found = headline["calibration"]
-    if found is None:
+    calibration = headline["calibration"]
+    if calibration is None:
         return "; range as drawn, not calibrated"
-    factors = " and ".join(f"{factor:.2f}" for factor in found[what])
-    return f"; range calibrated on {found['text']}: logarithms of its ends about the median times {factors}"
+    factors = " and ".join(f"{factor:.2f}" for factor in calibration[what])
+    return f"; range calibrated on {calibration['text']}: logarithms of its ends about the median times {factors}"
 
 
 def headline_of(prediction: Mapping[str, Any]) -> Headline:

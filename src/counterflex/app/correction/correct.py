@@ -21,7 +21,7 @@ from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import summary_of
 from counterflex.app.correction.causes import Known, shown
 from counterflex.app.correction.decide import LIMIT_M, measured_error, next_step
-from counterflex.app.correction.scans import Corrected, MeasuredScan, PartScan, in_part_axes
+from counterflex.app.correction.scans import Corrected, MeasuredScan, PartScan
 from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.plan_of_cell import require_of_cell
@@ -341,7 +341,7 @@ def run(
         write_plan(staging / PLAN, result.plan, {**about, "feed_lowered_s": lowered}, cell.chain.axes)
         write_path_error(staging / TAKEN, result.taken, about)
         new = [
-            (in_part_axes(m.scan.deviations, result.cell), m.scan.part, HistoryPart(m.error, m.facts()))
+            (m.scan.deviations.turned(result.cell.R_part_plane), m.scan.part, HistoryPart(m.error, m.facts()))
             for m in result.measured
         ]
         keep_parts(folder, staging, new, about)

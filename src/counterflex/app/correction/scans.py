@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -148,19 +148,7 @@ class PartScan:
                 hint="Inspect the scan against the original program, not the compensated one",
             )
         R = cell.R_part_plane
-        if R is not None:
-            deviations = replace(deviations, points=deviations.points @ R, normals=deviations.normals @ R)
-        return cls(deviations, part, False)
-
-
-def in_part_axes(deviations: PartDeviations, cell: Cell) -> PartDeviations:
-    """Deviations in part axes again, for a file."""
-    R = cell.R_part_plane
-    return (
-        deviations
-        if R is None
-        else replace(deviations, points=np.asarray(deviations.points @ R.T), normals=deviations.normals @ R.T)
-    )
+        return cls(deviations.turned(None if R is None else R.T), part, False)
 
 
 def _simulated_files(path: Path) -> tuple[Path | None, Path | None]:

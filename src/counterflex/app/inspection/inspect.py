@@ -96,4 +96,4 @@ def _write_rows(folder: Path, inspection: Inspection, last: InspectedScan | Insp
     measured = MeasuredPart(
         program.name, digest, last.file, last.unit, registration.faces, registration.residual_m / UM
     )
-    write_part_deviations(folder / DEVIATIONS, last.part.rows, measured)
+    write_part_deviations(folder / DEVIATIONS, last.part.rows.turned(inspection.cell.R_part_plane), measured)

@@ -101,7 +101,10 @@ def inspect(
         if isinstance(one, ToolLog):
             parts[name] = judged_path(one, part, job, cell)
         elif isinstance(how, How):
-            parts[name] = judged(one, part, job.path.p_part_tcp, how, str(files[name]), outline_of(job.path, cell))
+            outline = outline_of(job.path, cell)
+            parts[name] = judged(
+                one, part, job.path.p_part_tcp, how, str(files[name]), outline, R_part_plane=cell.R_part_plane
+            )
         progress(0.4 + 0.4 * (k + 1) / len(read))
     named = {name: one.part for name, one in parts.items()}
     candidates = features_of_part(next(iter(named.values())), candidates_of(job.path, cell))
@@ -157,7 +160,7 @@ def nominal_of(job: Job, cell: Cell, cad: Path | None = None) -> NominalPart:
     """The part that a program makes, or the one of a CAD file with its floors, walls and datum faces.
 
     Raises:
-        InputError: The tool turns while it cuts.
+        InputError: The tool turns while it cuts, or a CAD file is given and the tool is tilted.
     """
     surface = reference_of(job, cell).surface
     if surface is None:
@@ -168,6 +171,12 @@ def nominal_of(job: Job, cell: Cell, cad: Path | None = None) -> NominalPart:
         )
     shape: NominalShape = log_of_path(job.path, cell, top_of(cell, job.path.p_part_tcp))
     if cad is not None:
+        if cell.R_part_plane is not None:
+            raise InputError(
+                "a CAD file lies along the axes of the part, and this program mills along another direction",
+                where=f"--nominal {cad}",
+                hint="Judge the scan against what the program makes: leave --nominal out",
+            )
         from counterflex.app.inspection.cad_shape import read_shape
 
         shape = read_shape(cad, surface)
@@ -175,13 +184,20 @@ def nominal_of(job: Job, cell: Cell, cad: Path | None = None) -> NominalPart:
 
 
 def judged(
-    scan: Scan, part: NominalPart, p_part_tcp: Float, how: How, where: str, outline: Float | None = None
+    scan: Scan,
+    part: NominalPart,
+    p_part_tcp: Float,
+    how: How,
+    where: str,
+    outline: Float | None = None,
+    R_part_plane: Float | None = None,
 ) -> InspectedScan:
     """Lay one scan on the nominal part and judge it.
 
     Args:
         p_part_tcp: (n, 3) m, the undisturbed path, part frame.
         outline: (n, 2) m, of the tool at each row of the path; None: one tool.
+        R_part_plane: Axes of the plane that the nominal part is given in, in the part frame; None: those of the part.
 
     Raises:
         InputError: It does not fit the part.
@@ -190,7 +206,8 @@ def judged(
     if stated is None and scan.unit_m is not None:
         stated = min(UNITS, key=lambda name: abs(np.log(UNITS[name] / (scan.unit_m or 1.0))))
     sized = ScanUnit.of(scan.sample(200_000), part.diagonal_m, UNITS, stated, where)
-    unit, unit_m, cloud, T_start = _placed(scan, part, how, sized, where)
+    R_plane_part = np.eye(3) if R_part_plane is None else R_part_plane.T
+    unit, unit_m, cloud, T_start = _placed(scan, part, how, sized, where, pose.make(R_plane_part))
     ball = _ball(scan, how, unit_m)
     clearance = CLEARANCE_M if how.clearance_m is None else how.clearance_m
     aside = off_part(pose.transform(T_start, cloud.points), part.faces, clearance + (ball or 0.0))
@@ -227,7 +244,9 @@ def _ball(scan: Scan, how: How, unit_m: float) -> float | None:
     return scan.ball_radius * unit_m if scan.ball_radius > 0.0 else None
 
 
-def _placed(scan: Scan, part: NominalPart, how: How, sized: ScanUnit, where: str) -> tuple[str, float, Cloud, Float]:
+def _placed(
+    scan: Scan, part: NominalPart, how: How, sized: ScanUnit, where: str, T_plane_part: Float
+) -> tuple[str, float, Cloud, Float]:
     """Unit, points and about the pose of a scan.
 
     Where its extent is that of the part, the pose is searched by it; else, or where that fails, in what was scanned
@@ -242,9 +261,9 @@ def _placed(scan: Scan, part: NominalPart, how: How, sized: ScanUnit, where: str
             raise fault or few from few
         origin = pose.make(p=scan.origin * unit_m)  # points are counted from the first one
         if how.aligned:
-            return unit, unit_m, cloud, origin
+            return unit, unit_m, cloud, T_plane_part @ origin
         if how.datum_points is not None:
-            return unit, unit_m, cloud, _start(how.datum_points, unit_m) @ origin
+            return unit, unit_m, cloud, T_plane_part @ _start(how.datum_points, unit_m) @ origin
         if sized.fault is None:
             try:
                 return unit, unit_m, cloud, coarse_pose(cloud, part, where, _ball(scan, how, unit_m) or 0.0).T_part_scan

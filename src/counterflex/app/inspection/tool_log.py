@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -85,6 +85,8 @@ def _tracker_log(source: Path, how: LogHow, cell: Cell, path: ToolPath) -> ToolL
             )
         frame = str(cell.path)
     placed = CommandFrame.of(frame)
+    if cell.R_part_plane is not None:  # the program's path lies along the axes of its working plane
+        placed = replace(placed, T_command_log=pose.make(cell.R_part_plane.T) @ placed.T_command_log)
     measured = read_measured(source, how.form)
     if measured.oriented:
         p = measured.moved(placed.T_command_log, placed.T_target_tcp).p

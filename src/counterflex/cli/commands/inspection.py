@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -159,14 +159,11 @@ class ScanOptions:
         from counterflex.files.cell.cell import read_cell
         from counterflex.files.deviation_map import require_format, write_deviation_map
         from counterflex.files.part_deviations import read_part_deviations
-        from counterflex.geometry import pose
 
         export, frame = self.export, self.export_frame or "part"
         require_format(export)
-        placed = read_in_plane(program, read_cell(cell))[0]  # deviations are in the axes of the plane it works in
-        R_part_plane = placed.R_part_plane
-        T_part_plane = None if R_part_plane is None else pose.make(R_part_plane)
-        T_frame_part = placed.T_base_part if frame == "base" else T_part_plane
+        placed = replace(read_in_plane(program, read_cell(cell))[0], R_part_plane=None)
+        T_frame_part = placed.T_base_part if frame == "base" else None
         return lambda folder, _: write_deviation_map(
             export, read_part_deviations(folder / DEVIATIONS)[0], T_frame_part, frame
         )

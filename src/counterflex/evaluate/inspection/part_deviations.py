@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -51,3 +51,7 @@ class PartDeviations:
     def __len__(self) -> int:
         """Number of measured places."""
         return len(self.deviation_m)
+
+    def turned(self, R: Float | None) -> PartDeviations:
+        """The same in other axes: R, (3, 3), holds those of now by columns; None: they are the same."""
+        return self if R is None else replace(self, points=self.points @ R.T, normals=self.normals @ R.T)
