@@ -154,8 +154,8 @@ def test_a_run_without_air_is_refused_and_not_given_the_zero_0(air_mm: float) ->
     force = np.array([0.0, 300.0, 0.0]) * cutting[:, None]
     ones = np.ones(n)
     plan = PlannedCut(
-        p, x / 0.025, ones.astype(int), ones.astype(int), cutting, still, *[ones] * 8, force,
-        np.zeros((n, 3, 3, len(EXPONENTS))), still, 1e-4,
+        p, x / 0.025, ones.astype(int), ones.astype(int), cutting, still,
+        ones, ones, ones, ones, ones, ones, ones, ones, force, np.zeros((n, 3, 3, len(EXPONENTS))), still, 1e-4,
     )  # fmt: skip
     m, good = len(at_x), np.ones(len(at_x), dtype=bool)
     shown = np.zeros((m, 6))
