@@ -25,6 +25,9 @@ def test_only_the_robot_is_another_one(tmp_path: Path, robot: str) -> None:
         assert own.pop("robot") == {"catalog": robot}
         assert shipped.pop("robot") == {"catalog": examples.ROBOT}
         assert own.pop("name") != shipped.pop("name")
+        if "kuka" not in robot:
+            assert shipped["controller"].pop("rsi_version") == "4.1"
+            assert "cycle_ms = 12  # of a KUKA" in (tmp_path / name).read_text(encoding="utf-8")
         assert own == shipped
         assert read_cell(tmp_path / name).tables.robot.catalog == robot
 

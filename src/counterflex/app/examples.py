@@ -61,6 +61,9 @@ def with_robot(cell: str, robot: str) -> str:
     model = catalog.entry(robot).model.split(" (")[0].replace('"', "'")
     _, _, rest = cell.partition("\n")  # the first line says which robot it is
     rest = rest.replace(f'catalog = "{ROBOT}"', f'catalog = "{robot}"')
+    if catalog.load(robot).axes.maker != catalog.load(ROBOT).axes.maker:  # what only a KUKA has is not of this robot
+        rest = rest.replace('rsi_version = "4.1"\n', "")
+        rest = rest.replace("cycle_ms = 12\n", "cycle_ms = 12  # of a KUKA: enter that of your controller\n")
     rest = rest.replace('name = "KR 300 R2500 ultra', f'name = "{model}', 1)
     return f"# {model} of the catalogue; spindle, tools, material and part are those of the demonstration cell.\n{rest}"
 

@@ -100,7 +100,7 @@ def answer_line(numbers: Mapping[str, Any]) -> str:
     """Return what is known of the robot's answer to the correction."""
     missing = numbers["missing_most_mm"]
     if missing is None:
-        return "answer of the robot: not looked at, the controller does not report its pose"
+        return "answer of the robot: not looked at, the controller reports no pose that is known to hold the correction"
     seen = f"up to {missing:.2f} mm of the correction missing" if missing else "nothing of the correction missing"
     return f"answer of the robot, by its reported pose: {seen}"
 
