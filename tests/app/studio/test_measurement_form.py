@@ -83,10 +83,10 @@ def test_an_entry_during_a_slow_save_is_no_other_program(tmp_path: Path, monkeyp
 
     monkeypatch.setattr(atomic, "write_text", slow)
     with ThreadPoolExecutor(3) as pool:
-        form.sigma["p_tracker_target", "mm"] = 0.02
+        typed(form)
         first = pool.submit(form.save)
         half.wait()
-        typed(form)
+        form.sigma["p_tracker_target", "mm"] = 0.02
         second, current = pool.submit(form.save), pool.submit(form.is_current)
         first.result()
         on.set()
