@@ -87,9 +87,10 @@ def _fewer_examples(config: pytest.Config, items: list[pytest.Item]) -> None:
             else "not long" in config.getoption("markexpr")
         )
         if left_out and is_hypothesis_test(law):
+            law = getattr(law, "__func__", law)
             laws[id(law)] = law
     for law in laws.values():
-        whole = law._hypothesis_internal_use_settings
+        whole = getattr(law, "_hypothesis_internal_use_settings", None) or settings()
         count = max(whole.max_examples // SHARE, min(whole.max_examples, FEWEST))
         law._hypothesis_internal_use_settings = settings(whole, max_examples=count)
 
