@@ -12,6 +12,7 @@ import pinocchio
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
+from counterflex.core import remarks
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.geometry import pose, rotation
@@ -255,7 +256,9 @@ def test_fixed_mounts_continuous_joints_and_rounded_angles(tmp_path: Path) -> No
     text = broken(kind="continuous", limit="").replace("</robot>", BRANCH.format(kind="fixed") + "</robot>")
     file = tmp_path / "robot.urdf"
     file.write_text(text)
-    robot = load_urdf(file)
+    with remarks.collected() as said:
+        robot = load_urdf(file)
+    assert [text.partition(": ")[2][:24] for text in said] == ["no speed of axis 3 is st"]
     np.testing.assert_allclose(robot.joint_limits_rad[2], [-2 * math.pi, 2 * math.pi])
     assert robot.joint_speeds_rad_s is None
     assert robot.opw is None

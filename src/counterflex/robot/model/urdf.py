@@ -21,6 +21,7 @@ import numpy as np
 from counterflex.core.arrays import Float, frozen
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.file_content import readable
+from counterflex.core.remarks import remark
 from counterflex.geometry import pose, rotation
 from counterflex.robot.model.description import Opw, Robot, Segment
 from counterflex.robot.model.opw_chain import from_opw
@@ -222,12 +223,18 @@ def load_urdf(path: str | os.PathLike[str], tip_link: str | None = None, base_li
             )
         )
         T_seg_link = pose.inverse(T_link_seg)
+    unknown = np.isnan(speeds)
+    if unknown.any() and not unknown.all():
+        names = ", ".join(f"axis {k + 1}" for k in np.flatnonzero(unknown))
+        remark(
+            f"{where}: no speed of {names} is stated, so no joint speed is looked at; limits.joint_speed_deg_s has all"
+        )
     return Robot(
         name=str(model.name or file.stem),
         segments=tuple(segments),
         T_last_flange=frozen(T_seg_link),
         joint_limits_rad=frozen(limits),
-        joint_speeds_rad_s=frozen(speeds) if np.all(np.isfinite(speeds)) else None,
+        joint_speeds_rad_s=None if unknown.any() else frozen(speeds),
         opw=fit_opw(segments, T_seg_link),
     )
 
