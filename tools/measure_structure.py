@@ -42,7 +42,7 @@ _COMMENTS = "whole-line comments in 1000 lines of code in `{}`"
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
     "modules": 1161,
-    "lines": 221_298,
+    "lines": 221_313,
     _BIG: 7,
     _WIDE: 5,
     _PATHS: 0,
@@ -52,7 +52,7 @@ CEILINGS = {
     "circles": 0,
     "dataclasses that only carry data": 332,
     "class names used twice or more": 4,
-    "import lines": 15_051,
+    "import lines": 15_052,
     "module docstrings that begin with What, How, Which": 0,
     "words in hand-written docs": 90_000,
     "links of docs/index.md": 25,

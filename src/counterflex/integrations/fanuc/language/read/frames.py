@@ -21,7 +21,7 @@ _SET_IT: Final = (
 )
 
 
-def _told(number: int, T: Float | None) -> str:
+def _set_by(number: int, T: Float | None) -> str:
     """A user frame and who sets it, for a message."""
     return f"UFRAME_NUM={number}, {'as the controller has it' if T is None else f'UFRAME[{number}] set by the program'}"
 
@@ -98,7 +98,7 @@ class TpFrames(NumberedFrames):
         if T is None or T_first is None:
             raise ProgramError(
                 "the user frame changes, and where the second one stands in the first is not known", where=where,
-                value=_told(number, T), limit=_told(first, T_first),
+                value=_set_by(number, T), limit=_set_by(first, T_first),
                 hint="Set both in the program (UFRAME[n]=PR[m]) before the first motion, or post a program for each",
             )  # fmt: skip
         out: Float = pose.inverse(T_first) @ T
