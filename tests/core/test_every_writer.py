@@ -33,6 +33,7 @@ FILES = {
     "core/atomic.py": "the mechanism",
     "core/moving.py": "the mechanism",
     "core/output_place.py": "the mechanism",
+    "app/language_trial.py": "in a temporary folder",
     "core/compiled.py": "a lock beside compiled kernels, in the user's cache",
     "integrations/freecad/counterflex_post.py": "runs in FreeCAD: the job in a temporary folder, copies of a program",
     "files/logs/run_log.py": "new names in a folder, segment by segment",

@@ -48,6 +48,8 @@ OWN: Final = {
     "robot/model/catalog.py": "comes with the package",
     "robot/model/class_prior.py": "comes with the package",
     "app/add_ins.py": "comes with the package",
+    "app/prediction_interval.py": "comes with the package",
+    "app/language_trial.py": "what the trial has just written",
     "integrations/freecad/counterflex_post.py": "runs in FreeCAD, on what it and counterflex have just written",
 }
 """Modules that read by themselves, with the reason."""

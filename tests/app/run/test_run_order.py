@@ -52,6 +52,8 @@ def test_recorder_and_permission_to_arm_do_not_wait_for_the_beat_without_lock(
         control=control,
     )
     _, lines = online.Supervised.begin(cast("online.Supervised", run))
+    assert seen == []
+    online.Supervised._permit(cast("online.Supervised", run))
     assert lines[:2] == ["feed", "tooth"]
     assert len(lines) == 3
     assert "its log: former" in lines[2]

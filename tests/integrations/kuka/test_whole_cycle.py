@@ -138,7 +138,7 @@ class _Cell:
             except BlockingIOError:
                 break
             self.answers.append(last)
-        self.device.answer(data)
+        self.device.answer(last)
 
     def _telegram(self, k: int, row: int) -> bytes:
         own = bench.program()

@@ -82,7 +82,7 @@ def in_rapid(part: Sequence[tuple[str, list[Place], Place, float]]) -> str:
 
     lines = [f"MoveJ {target((0.0, 0.0, 90.0), DOWN)},v100,fine,tool1;"]
     for kind, places, turn, speed in part:
-        rest = f"[{speed},500,5000,1000],fine,tool1;"
+        rest = f"[{speed},5e6,5000,1000],fine,tool1;"  # no turn takes longer than its way, as in the other two
         lines.append(f"MoveL {target(places[0], turn)},{rest}")
         if kind == "C":
             lines.append(f"MoveC {target(places[1], turn)},{target(places[2], turn)},{rest}")
