@@ -1,4 +1,4 @@
-"""What the tests of the jobs share: the small cell, a rigid one, programs, processes that are forks."""
+"""Shared by the tests of the jobs: the small cell, a rigid one, programs, processes that are forks."""
 
 from __future__ import annotations
 

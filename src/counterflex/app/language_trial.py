@@ -40,7 +40,7 @@ M5
 M30
 """
 _STOPS: Final = {(20.12, -3.33, 50.0): True, (60.0, 20.0, 48.0): False}
-"""Whether the robot stops there, by place in mm."""
+"""By place in mm: True where the robot stops there."""
 _FEED_CHANGE: Final = 0.1
 """Largest change of a feed: that of the length of the corrected path is below 2 %."""
 _WAVE_M: Final = 5.0 * MM

@@ -111,7 +111,7 @@ def error_rows(predicted: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 
 
 def _calibration(headline: Mapping[str, Any], what: str) -> str:
-    """Where the width of a range comes from; empty in a summary that does not say it."""
+    """Source of the width of a range; empty in a summary that does not say it."""
     if "calibration" not in headline:
         return ""
     calibration = headline["calibration"]

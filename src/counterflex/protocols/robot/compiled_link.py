@@ -29,7 +29,7 @@ DRAINED: Final = record(
     saturated=int,  # 1: one of them was beyond the range
     frozen=int,  # 1: the readings have not changed for a while
 )
-"""What a drain of a force sensor has found."""
+"""Result of a drain of a force sensor."""
 
 READ: Final = (
     "boolean(int64, uint8[:, ::1], int64, Telegram[::1], float64[::1], float64[::1], float64[::1], float64[::1])"

@@ -175,7 +175,7 @@ class RobotPort:
 
     @property
     def wire(self) -> Wire:
-        """What carries the datagrams."""
+        """Carrier of the datagrams."""
         return self._wire
 
     @property

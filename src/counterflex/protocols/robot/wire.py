@@ -102,7 +102,7 @@ class UdpWire:
         return 1
 
     def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
-        """What :func:`.await_datagrams` takes, by name, and the datagrams."""
+        """Arguments of :func:`.await_datagrams` by name, and the datagrams."""
         own = self._heads, self.names, self.lengths, self.senders, self._inbox, self.window
         return dict(zip(("heads", "names", "lengths", "senders", "inbox", "window"), own, strict=True))
 

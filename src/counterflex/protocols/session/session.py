@@ -428,7 +428,7 @@ class OnlineSession:
             self._repeat(**self._words(), silent=bool(result.silent))
 
     def _words(self) -> dict[str, Any]:
-        """What an answer says beside the correction."""
+        """Words of an answer beside the correction."""
         result = self._result
         return {
             "stop": bool(result.stop),

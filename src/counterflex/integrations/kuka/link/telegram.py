@@ -52,7 +52,7 @@ class Reader:
         return int(status)
 
     def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
-        """What :func:`.kernel.scan` takes, for a kernel that calls it."""
+        """Arguments of :func:`.kernel.scan`, for a kernel that calls it."""
         own = self._root, self._names, self._entries, self.values, self.seen
         return dict(zip(("root", "names", "entries", "values", "seen"), own, strict=True))
 
