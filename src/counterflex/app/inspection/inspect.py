@@ -90,7 +90,7 @@ def _write_rows(folder: Path, inspection: Inspection, last: InspectedScan | Insp
         logged = LoggedPath(
             program.name, digest, last.file, last.log.position, last.log.frame, frame_fitted=last.log.fitted
         )
-        write_tool_path(folder / TOOL_PATH, path_rows(last, inspection.job), logged)
+        write_tool_path(folder / TOOL_PATH, path_rows(last, inspection.job, inspection.cell), logged)
         return
     registration = last.part.registration
     measured = MeasuredPart(

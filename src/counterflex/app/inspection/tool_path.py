@@ -195,8 +195,8 @@ def path_entry(one: InspectedPath) -> dict[str, Any]:
     }
 
 
-def path_rows(one: InspectedPath, job: Job) -> ToolPathRows:
-    """The stations of a path with their deviations."""
+def path_rows(one: InspectedPath, job: Job, cell: Cell) -> ToolPathRows:
+    """The stations of a path, in part axes, with their deviations."""
     track, registration = one.track, one.part.registration
     deviation = track.deviation
     axis = np.cross(deviation.feed_direction, deviation.left)
@@ -211,7 +211,7 @@ def path_rows(one: InspectedPath, job: Job) -> ToolPathRows:
         deviation.time_s,
         deviation.length_m,
         np.asarray(job.line_of_motion, dtype=np.int64)[deviation.motion],
-        place,
+        place if cell.R_part_plane is None else place @ cell.R_part_plane.T,
         np.column_stack([deviation.across_left_m, deviation.across_axis_m, along]),
         np.column_stack(list(one.normal_m().values())),
         np.sqrt(track.sigma_m**2 + by_pose**2),
