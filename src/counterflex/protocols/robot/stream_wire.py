@@ -37,8 +37,8 @@ class StreamWire:
         largest: Longest message, bytes.
         length: Told the bytes that are there; returns the length of the message that they begin with, 0 where it is
             not whole yet, :data:`NO_MESSAGE` where they begin none.
-        peer: Address and port of a controller that listens and is connected to. Port 0, or None: the controller connects
-            itself, from that address, or from any.
+        peer: Address and port of a controller that listens and is connected to. Port 0, or None: the controller
+            connects itself, from that address, or from any.
 
     Raises:
         InputError: The controller's address is none.
