@@ -1,4 +1,4 @@
-"""Open report pages in a browser at three widths, on a dark screen and on paper, and say what does not fit or does not work.
+"""Open report pages in a browser at three widths, dark and on paper, and say what does not fit or does not work.
 
     python tools/check_pages.py out/demo/report.html out/report.html
 
@@ -94,7 +94,8 @@ const look = (frame) => {
     if (!item.textContent.trim() || item.getBoundingClientRect().width === 0) return;
     const shown = luminance(style(item).color), behind = luminance(background(item));
     const contrast = (Math.max(shown, behind) + 0.05) / (Math.min(shown, behind) + 0.05);
-    if (contrast < PALEST) out.pale.push(item.tagName + " " + item.textContent.trim().slice(0, 30) + " " + contrast.toFixed(1));
+    const words = item.textContent.trim().slice(0, 30);
+    if (contrast < PALEST) out.pale.push(`${item.tagName} ${words} ${contrast.toFixed(1)}`);
   });
   out.faults = frame.contentWindow.__faults || [];
   return out;
