@@ -1,11 +1,11 @@
-"""Open report pages in a browser at three widths and on paper, and say what does not fit or does not work.
+"""Open report pages in a browser at three widths, dark and on paper, and say what does not fit or does not work.
 
     python tools/check_pages.py out/demo/report.html out/report.html
 
 Needs Chromium (Debian: apt-get install chromium), found as ``chromium`` or in CHROMIUM. Each page is opened in frames
 of 360, 768 and 1280 px. A page passes when nothing is wider than its frame (tables may scroll in their own box), every
 figure is drawn, no label of a figure is cut off or hides another, the script throws nothing, and the text is not too
-small to read; printed, it must come out on A4.
+small or too pale to read, light and dark; printed, it must come out on A4.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from pathlib import Path
 from typing import Any, Final
 
 WIDTHS: Final = (360, 768, 1280)
+DARK_WIDTHS: Final = (768,)
+LEAST_CONTRAST: Final = 4.5
+"""Of text, WCAG 2.2, criterion 1.4.3."""
 A4_PT: Final = (841.9, 595.3)
 LEAST_FONT_PX: Final = 8.0
 _BUDGET_MS: Final = 30_000
@@ -41,8 +44,22 @@ _PROBE: Final = """
 const faults = [];
 const look = (frame) => {
   const page = frame.contentDocument, wide = frame.clientWidth;
-  const out = { width: wide, wide: [], empty: [], small: [], cut: [], over: [], faults: [] };
+  const out = { width: wide, wide: [], empty: [], small: [], pale: [], cut: [], over: [], faults: [] };
   out.scroll = page.documentElement.scrollWidth;
+  const style = (item) => frame.contentWindow.getComputedStyle(item);
+  const numbers = (colour) => colour.match(/[.0-9]+/g).map(Number);
+  const background = (item) => {
+    for (let at = item; at; at = at.parentElement) {
+      const colour = style(at).backgroundColor, parts = numbers(colour);
+      if (parts.length < 4 || parts[3] > 0) return colour;
+    }
+    return "rgb(255, 255, 255)";
+  };
+  const luminance = (colour) => {
+    const part = numbers(colour).slice(0, 3).map((one) => one / 255)
+      .map((one) => one <= 0.04045 ? one / 12.92 : ((one + 0.055) / 1.055) ** 2.4);
+    return 0.2126 * part[0] + 0.7152 * part[1] + 0.0722 * part[2];
+  };
   const in_box = (item) => item.closest(".scroll") !== null || item.closest("[data-figure]") !== null;
   page.querySelectorAll("body *").forEach((item) => {
     const box = item.getBoundingClientRect();
@@ -72,8 +89,13 @@ const look = (frame) => {
     }));
   });
   page.querySelectorAll("p, li, td, th, dd, dt, .name, .big, label").forEach((item) => {
-    const size = parseFloat(frame.contentWindow.getComputedStyle(item).fontSize);
+    const size = parseFloat(style(item).fontSize);
     if (size < SMALLEST) out.small.push(item.tagName + " " + size);
+    if (!item.textContent.trim() || item.getBoundingClientRect().width === 0) return;
+    const shown = luminance(style(item).color), behind = luminance(background(item));
+    const contrast = (Math.max(shown, behind) + 0.05) / (Math.min(shown, behind) + 0.05);
+    const words = item.textContent.trim().slice(0, 30);
+    if (contrast < PALEST) out.pale.push(`${item.tagName} ${words} ${contrast.toFixed(1)}`);
   });
   out.faults = frame.contentWindow.__faults || [];
   return out;
@@ -111,25 +133,27 @@ def run_browser(*arguments: str) -> str:
     return done.stdout
 
 
-def looked_at(page: Path, folder: Path) -> list[dict[str, Any]]:
-    """Measurements of a browser at each width.
+def looked_at(page: Path, folder: Path, *, dark: bool = False) -> list[dict[str, Any]]:
+    """Measurements of a browser at each width, on a light screen or a dark one.
 
     Raises:
         SystemExit: The browser gave no answer.
     """
     watched = folder / "watched.html"
     watched.write_text(page.read_text(encoding="utf-8").replace("<head>", f"<head>{_RECORDER}", 1), encoding="utf-8")
+    widths, scheme = (DARK_WIDTHS, 0) if dark else (WIDTHS, 1)
     frames = "".join(
-        f'<iframe src="{watched.name}" style="width:{width}px;height:6000px;border:0"></iframe>' for width in WIDTHS
+        f'<iframe src="{watched.name}" style="width:{width}px;height:6000px;border:0"></iframe>' for width in widths
     )
-    script = _PROBE.replace("SMALLEST", str(LEAST_FONT_PX))
+    script = _PROBE.replace("SMALLEST", str(LEAST_FONT_PX)).replace("PALEST", str(LEAST_CONTRAST))
     wrapper = folder / "wrapper.html"
     wrapper.write_text(
         f'<html><body style="margin:0;display:flex">{frames}<pre id="found"></pre>'
         f"<script>{script}</script></body></html>",
         encoding="utf-8",
     )
-    text = run_browser(f"--window-size={sum(WIDTHS) + 40},6000", "--dump-dom", wrapper.as_uri())
+    shown = f"--window-size={sum(widths) + 40},6000", f"--blink-settings=preferredColorScheme={scheme}"
+    text = run_browser(*shown, "--dump-dom", wrapper.as_uri())
     match = re.search(r'<pre id="found">(.+?)</pre>', text, re.DOTALL)
     if match is None:
         raise SystemExit(f"check_pages: {page}: the browser gave no answer")
@@ -161,6 +185,7 @@ def faults(found: dict[str, Any]) -> list[str]:
     out += [f"label cut off: {item}" for item in found["cut"][:5]]
     out += [f"labels over each other: {item}" for item in found["over"][:3]]
     out += [f"too small to read: {item}" for item in found["small"][:3]]
+    out += [f"too pale to read: {item}" for item in found["pale"][:3]]
     out += [f"script: {item}" for item in found["faults"][:3]]
     return out
 
@@ -174,6 +199,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             said = {f"{found['width']} px": faults(found) for found in looked_at(page, folder)}
+            said |= {f"{found['width']} px, dark": faults(found) for found in looked_at(page, folder, dark=True)}
             said["A4"] = printed(page, folder)
         for where, what in said.items():
             print(f"{page}, {where}: {'; '.join(what) if what else 'ok'}")

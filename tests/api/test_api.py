@@ -215,6 +215,7 @@ def test_reading_a_cell_loads_no_plan_no_loop_and_no_simulation(folder: Path) ->
     assert not {name for name in loaded if name.startswith(tuple(f"counterflex.{room}" for room in rooms))}
 
 
+@pytest.mark.long
 def test_postures_load_no_rotations_of_scipy(folder: Path) -> None:
     """The closed form is compiled; its package loads SciPy's rotations, and can still be imported."""
     asks = f"cf.inverse(cf.read_cell({str(folder / 'cell.toml')!r}), [30.0, 20.0, 38.0], [0.0, 0.0, 1.0])"

@@ -49,6 +49,7 @@ def judged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
+@pytest.mark.long
 def test_the_program_makes_what_is_drawn(judged: Path) -> None:
     """Bounds: noise of 5 um, worst of some hundred places, and the chords of the round pocket."""
     result = read_benchmark_result(judged / "result.json")

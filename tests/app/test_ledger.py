@@ -53,6 +53,7 @@ def edited(made: Path, target: Path, edit: Edit, name: str = "proof") -> Path:
     return target
 
 
+@pytest.mark.long
 def test_a_prediction_holds_what_the_plan_says_first(made: Path) -> None:
     summary = json.loads((made / "plan" / "summary.json").read_text(encoding="utf-8"))
     said = json.loads((made / "groove.json").read_text(encoding="utf-8"))

@@ -147,6 +147,7 @@ def test_a_line_through_the_rest_posture_is_one(tmp_path: Path) -> None:
         compensate(file, cell, predict=False)
 
 
+@pytest.mark.long
 def test_a_body_in_the_swung_arc_is_found(tmp_path: Path) -> None:
     """The line between the ends is free of it, the arc is not."""
     cell = cell_of(tmp_path, POST)
@@ -158,6 +159,7 @@ def test_a_body_in_the_swung_arc_is_found(tmp_path: Path) -> None:
     assert "post" in swung["what"]
 
 
+@pytest.mark.long
 def test_the_arc_is_what_the_stock_meets(tmp_path: Path) -> None:
     """By axes the tool bulges away from the robot, beyond the line between the ends."""
     cell = cell_of(tmp_path)

@@ -160,6 +160,7 @@ def test_a_rail_carries_robot_and_bodies(program: Callable[[str], Path]) -> None
     assert away["removed material"]["value"] == plain["removed material"]["value"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["tilted_groove.ngc", "twisted_channel.ngc"])
 def test_tilted_and_turning_tools_and_their_holders(name: str, tmp_path: Path) -> None:
     """The holder 2 mm above the tip goes into what is left of the blank, one above the blank does not."""
@@ -173,6 +174,7 @@ def test_tilted_and_turning_tools_and_their_holders(name: str, tmp_path: Path) -
     assert rows_of(file, cell_of("kr300_bc_table"))["spindle speed"]["verdict"] == "fail"
 
 
+@pytest.mark.long
 def test_a_pocket_that_is_wide_enough_leaves_room_for_the_holder(program: Callable[[str], Path]) -> None:
     """The stock as it is machined so far counts, not the box of the blank; in a slot there is no room."""
     level = "G0 X-12 Y{y}\nG0 Z45\nG1 Z{z} F3000\nG1 X72 F1500\nG0 Z60\n"

@@ -317,6 +317,7 @@ READERS: Final = {
 }  # fmt: skip
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("command", READERS)
 def test_every_reader_with_every_fault(given: Path, counterflex: Any, monkeypatch: Any, command: str) -> None:
     monkeypatch.chdir(given)

@@ -28,6 +28,7 @@ def _stopped_half_way(what: str, out: Path | None, kept: str = "") -> Iterator[P
         yield report
 
 
+@pytest.mark.long
 def test_an_interrupted_campaign_keeps_what_it_has(
     folder: Path, counterflex: Any, machined: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

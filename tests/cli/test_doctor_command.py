@@ -102,6 +102,7 @@ def test_a_machine_without_real_time_priority_is_told_how(folder: Path, counterf
     assert "rtprio" in ended.out
 
 
+@pytest.mark.long
 def test_the_real_measurement_has_all_its_parts(tmp_path: Path) -> None:
     """Processes, sockets and disk for a tenth of a second; what comes out is not judged."""
     samples, granted, machine = job.probe(0.1, tmp_path / "not" / "there")

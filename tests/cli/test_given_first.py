@@ -122,6 +122,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
     return found
 
 
+@pytest.mark.long
 def test_nothing_heavy_is_loaded_before_a_fault_is_told(answers: list[Any]) -> None:
     assert [item for item in answers if item[5]] == []
     assert len(answers) > 250

@@ -133,6 +133,7 @@ def scan(folder: Path) -> None:
     trimesh.PointCloud(points).export(folder / "part.ply")
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("example", ALONE)
 def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pytest.MonkeyPatch, example: str) -> None:
     """Every example of the help, on the small cell and program, in a folder where what it reads is there."""

@@ -232,6 +232,7 @@ def lab(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("case", CASES)
 def test_a_mistake_is_named(case: str, lab: Path, cell: Cell, refused: Refused) -> None:
     recipe, change, wanted = CASES[case]

@@ -264,6 +264,7 @@ POSES: dict[str, tuple[Callable[[Float], Float], tuple[str, ...], list[str]]] = 
 }
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("name", POSES)
 def test_a_scan_that_does_not_fit_is_told_why(work: Path, refused: Callable[..., str], name: str) -> None:
     change, options, words = POSES[name]
@@ -289,6 +290,7 @@ RIGHT_RESULTS: dict[str, Callable[[Float], Float]] = {
 }
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("name", RIGHT_RESULTS)
 def test_a_poor_scan_still_gives_the_part_as_made(work: Path, counterflex: Callable[..., Any], name: str) -> None:
     write(work / "s.ply", tilted(RIGHT_RESULTS[name](measured())))

@@ -143,6 +143,7 @@ def write(path: Path, points: Float) -> None:
     path.write_bytes(head.encode() + points.astype("<f4").tobytes())
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("name", PARTS)
 def test_a_part_gives_its_sizes(folder: Path, counterflex: Callable[..., Any], name: str) -> None:
     program, points, expected = PARTS[name]()

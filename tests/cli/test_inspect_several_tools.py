@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import trimesh
 
 from counterflex.core.arrays import Float
@@ -47,6 +48,7 @@ def points() -> Float:
     return out
 
 
+@pytest.mark.long
 def test_grooves_and_pocket_of_two_tools_come_back(folder: Path, counterflex: Callable[..., Any]) -> None:
     seen = points() @ R_TILT.T + np.array([20.0, -20.0, 10.0])
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(seen)}\n"

@@ -146,6 +146,7 @@ def on_a_table(vice: bool, seed: int = 3) -> Float:
     return np.concatenate([part, *pieces])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("vice", [False, True])
 def test_table_and_vice_are_cut_away(work: Path, counterflex: Callable[..., Any], vice: bool) -> None:
     made.write(work / "s.ply", made.tilted(on_a_table(vice)))

@@ -59,6 +59,7 @@ def _command(folder: Path, *words: str, stdout: Any) -> subprocess.CompletedProc
     return subprocess.run(program, cwd=folder, stdout=stdout, stderr=subprocess.PIPE, check=False)
 
 
+@pytest.mark.long
 def test_standard_output_holds_the_table_and_nothing_else(folder: Path) -> None:
     _command(folder, "path", "part.ngc", "--csv", "table.csv", stdout=subprocess.DEVNULL)
     printed = _command(folder, "path", "part.ngc", "--csv", "/dev/stdout", stdout=subprocess.PIPE)

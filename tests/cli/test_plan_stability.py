@@ -46,6 +46,7 @@ def test_soft_spindle_chatters_and_the_line_is_named(folder: Path, counterflex: 
     assert summary["tools"][0]["semi_discretisation_margin"] == pytest.approx(summary["worst"]["margin"], rel=0.3)
 
 
+@pytest.mark.long
 def test_needed_damping_is_that_of_the_line_where_the_robot_is_softest(
     folder: Path, counterflex: Any, soft: str
 ) -> None:

@@ -41,6 +41,7 @@ def test_compensate_names_every_file_that_it_writes(folder: Path, counterflex: A
         assert ("report.html" in last) == page
 
 
+@pytest.mark.long
 def test_a_dwell_of_minutes_is_said_by_path_and_compensate(folder: Path, counterflex: Any) -> None:
     text = (folder / "part.ngc").read_text(encoding="utf-8").replace("M2\n", "G4 P500\nM2\n")
     (folder / "long.ngc").write_text(text, encoding="ascii")

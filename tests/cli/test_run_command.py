@@ -151,6 +151,7 @@ DANGERS: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("name", DANGERS)
 def test_the_status_line_says_every_danger(folder: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """What nobody reads in the line nobody knows while it cuts; without it the line is silent."""

@@ -42,6 +42,7 @@ def _all_at_once(work: Any, arguments: list[tuple[Any, ...]]) -> None:
     assert [process.exitcode for process in processes] == [0] * len(arguments)
 
 
+@pytest.mark.long
 def test_six_processes_that_edit_a_file_lose_nothing(tmp_path: Path) -> None:
     (tmp_path / "count").write_text("0")
     _all_at_once(_count, [(str(tmp_path / "count"), 50)] * 6)
@@ -49,6 +50,7 @@ def test_six_processes_that_edit_a_file_lose_nothing(tmp_path: Path) -> None:
     assert [one.name for one in tmp_path.iterdir()] == ["count"]
 
 
+@pytest.mark.long
 def test_six_users_added_at_once_are_all_there(tmp_path: Path) -> None:
     _all_at_once(_add, [(str(tmp_path / "users.toml"), f"user{k}") for k in range(6)])
     assert set(PanelUsers(tmp_path / "users.toml").users) == {f"user{k}" for k in range(6)}

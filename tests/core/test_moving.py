@@ -68,6 +68,7 @@ def test_the_first_kill_is_of_the_old_state(tmp_path: Path) -> None:
     assert words(tmp_path / "out") == ["old"] * 4
 
 
+@pytest.mark.long
 def test_who_completes_may_be_killed_as_well(tmp_path: Path) -> None:
     out = tmp_path / "out"
     write(out, "old")

@@ -58,6 +58,7 @@ def _wander(seed: int, n: int, reach: float = 0.02, depth: float = 0.006) -> Flo
     return p
 
 
+@pytest.mark.by_turn
 @KINDS
 def test_envelope_equals_brute_force_over_the_segment(cutter: Cutter) -> None:
     stock = _box(0.05, 5e-4)
@@ -388,6 +389,7 @@ def _tool(cutter: Cutter, around: int) -> Float:
     return np.concatenate([np.column_stack([ring * a, np.full(around, b)]) for a, b in zip(rho, z, strict=True)])
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(
     ("cutter", "n", "around"),
     [(FLAT, 1200, 40), (BALL, 150, 40), (BULL, 150, 40)],

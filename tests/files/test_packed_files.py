@@ -113,6 +113,7 @@ def _refused(reader: str, file: Path) -> None:
         print(fault)
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("name", TRIES)
 def test_a_small_file_that_unpacks_to_gigabytes_is_refused_before(tmp_path: Path, name: str) -> None:
     make, readers, said = TRIES[name]

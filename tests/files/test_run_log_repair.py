@@ -80,6 +80,7 @@ def test_an_unfinished_segment_is_saved_whole(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run-000.mcap", "run-000.mcap.cut"]
 
 
+@pytest.mark.long
 @settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.floats(0.0, 1.0), st.none() | st.floats(0.0, 1.0, exclude_max=True), st.integers(0, 7))
 def test_cut_or_damaged_anywhere(written: Written, tmp_path: Path, share: float, place: float | None, bit: int) -> None:

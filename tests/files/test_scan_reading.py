@@ -95,6 +95,7 @@ def test_points_that_are_no_numbers_are_counted(tmp_path: Path) -> None:
     np.testing.assert_allclose(every(scan), POINTS, atol=2e-5)
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
 @pytest.mark.parametrize("text", [False, True])
 def test_a_mesh_is_covered_evenly(tmp_path: Path, suffix: str, text: bool) -> None:

@@ -39,6 +39,7 @@ NEW_SEEDS = (7, 21)
 """Few: each takes some seconds; `.ci/run` tells others with every change."""
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(("why", "kept"), read_stories(KEPT), ids=lambda value: str(value)[:60])
 def test_a_story_that_once_broke_a_rule_holds(why: str, kept: Story) -> None:
     assert not tell(kept).broken, why

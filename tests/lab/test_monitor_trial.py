@@ -23,6 +23,7 @@ def test_a_sound_cut_is_left_alone() -> None:
     assert all(not events for events in met(Incident()))
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(
     ("incident", "within_m"),
     [
@@ -41,6 +42,7 @@ def test_what_goes_wrong_is_seen_soon(incident: Incident, within_m: float) -> No
         assert -apart < events[incident.event] - incident.at_m < within_m
 
 
+@pytest.mark.long
 def test_chatter_and_a_single_tooth_are_seen_more_often_than_not() -> None:
     """A line of chatter may fall on a harmonic of the spindle; uneven stock may hide one tooth of three."""
     for incident in (Incident(Event.CHATTER, size=120.0), Incident(Event.BREAKAGE, size=1)):
@@ -48,6 +50,7 @@ def test_chatter_and_a_single_tooth_are_seen_more_often_than_not() -> None:
         assert sum(incident.event in events for events in met(incident)) >= len(SEEDS) // 2
 
 
+@pytest.mark.long
 def test_wear_is_reported_with_its_trend() -> None:
     found = [run_trial(SETTINGS, 0.9, Incident(Event.WEAR, 0.0, 0.4), seed) for seed in list(SEEDS)[:3]]
     sound = [run_trial(SETTINGS, 0.9, Incident(), seed) for seed in list(SEEDS)[:3]]
@@ -94,6 +97,7 @@ BESIDE = [
 ]
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("cut", BESIDE, ids=["conventional", "climb", "7 samples a turn", "4 samples a turn"])
 def test_thinner_stock_is_no_breakage_where_the_slip_brings_lines_together(cut: Cut) -> None:
     """11 000 rpm less 0.8 %: 5.5 samples a turn, so that orders k and 11 - k fold to one place under load."""

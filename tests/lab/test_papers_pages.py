@@ -24,6 +24,7 @@ def made() -> tuple[dict[str, Any], dict[str, str]]:
     return summary, table.files(summary, results)
 
 
+@pytest.mark.long
 def test_the_pages_are_what_the_program_writes(made: tuple[dict[str, Any], dict[str, str]]) -> None:
     _, texts = made
     assert {file.name for file in DOCS.iterdir()} == set(texts), HINT

@@ -96,6 +96,7 @@ STALLS = ((4.0, 5), (9.0, 15), (14.0, 400))
 """s and cycles: a standstill that is a hold, then two that are faults; in the second the robot program is given up."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kept", [True, False], indirect=True)
 def test_a_run_goes_on_only_where_an_operator_sees_to_it(kept: Kept) -> None:
     kept.rig.control[Request.ARM] = 1

@@ -82,6 +82,7 @@ def said(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     return result
 
 
+@pytest.mark.long
 def test_every_list_of_languages_has_it(said: dict[str, list[str]]) -> None:
     assert all("melfa" in said[key] for key in ("dialects", "to", "as"))
 

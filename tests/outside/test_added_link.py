@@ -43,6 +43,7 @@ def cell(example: Path, tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_run_and_the_simulated_cell_take_the_link_by_the_word_of_the_cell(cell: Path, tmp_path: Path) -> None:
     compensate(PROGRAM, cell, tmp_path / "plan", report=False, programmed_feed=True)
     path_mm = []

@@ -60,6 +60,7 @@ def cell_with(folder: Path, table: str) -> Path:
     return file
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("example")
 def test_the_force_law_is_its_closed_form_and_compensate_plans_with_it(tmp_path: Path) -> None:
     cell = read_cell(cell_with(tmp_path, RAKE.format(rake=16.0)))
@@ -188,6 +189,7 @@ def test_robot_and_material_are_found_by_name() -> None:
     assert material("example-alloy").cutting[0] == 800.0 * N_PER_MM2
 
 
+@pytest.mark.long
 def test_the_command_lists_what_the_package_brings(installed: Path) -> None:
     path = os.pathsep.join([str(installed), *sys.path])
     done = subprocess.run(

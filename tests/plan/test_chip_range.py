@@ -53,6 +53,7 @@ def _of_material(cell_file: Path, name: str) -> Cell:
     return read_cell(other)
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("name", [None, "en-aw-7075-berger-measured", "en-aw-2017-vdi22", "c45-normalised-vdi2"])
 def test_a_helix_a_ramp_and_a_return_move_at_high_feed_pass(cell_file: Path, name: str | None) -> None:
     """Constants of the example and of the catalogue; outside their range the effect is said in um."""

@@ -58,6 +58,7 @@ def _limit(piece: Stretch, law: KienzleLaw) -> float:
 UP = np.array([0.0, 0.0, 1.0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cutter", [FLAT, BULL], ids=["flat", "bull"])
 def test_limits_follow_the_radial_width_within_one_percent(cutter: Cutter, law: KienzleLaw) -> None:
     rng = np.random.default_rng(7)

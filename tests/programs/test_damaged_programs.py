@@ -64,6 +64,7 @@ def damaged(draw: Any, original: str) -> str:
     return out
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("language", READERS)
 @settings(max_examples=150, deadline=None)
 @given(st.data())

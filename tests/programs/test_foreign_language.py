@@ -109,6 +109,7 @@ def test_what_counterflex_wrote_is_no_source() -> None:
         read_gcode(KRL_SRC.replace(";FOLD INI", "; made by counterflex 0.1.0 from part.ngc"), name="part.src")
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("file", CORPUS, ids=[file.stem for file in CORPUS])
 def test_gcode_is_never_accused(file: Path) -> None:
     """Nothing tells another language in any program that can be read, whole or with a mistake put into it."""

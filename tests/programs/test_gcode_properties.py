@@ -50,6 +50,7 @@ line = st.one_of(st.lists(st.one_of(code, word), max_size=6).map(" ".join), flow
 MACHINE = MillingMachine({5161: 0.0, 5162: 0.0, 5163: 9.0}, tool_lengths={1: 0.05})
 
 
+@pytest.mark.long
 @settings(max_examples=600, deadline=None)
 @example(["&REL"])  # another language: refused at its line, which has no column
 @example(["&REL", "&ACCESS RVP", "DEF p( )"])

@@ -221,6 +221,7 @@ def test_jumps_and_loops_of_fanuc_macros(text: str, last: list[int]) -> None:
     assert ends(read(f"{HEAD}{text}M30\n"))[-1] == last
 
 
+@pytest.mark.long
 def test_loops_beside_values_that_are_not_known() -> None:
     loop = "#100=#5063\n#1=0\no1 while [#1 LT 20]\n#1=[#1 + 1]\no1 endwhile\nG1 X#1\n"
     assert ends(read(f"{HEAD}{loop}M2\n"))[-1] == [20, 0, 5]

@@ -244,6 +244,7 @@ PROGRAMS = programs(
 )  # fmt: skip
 
 
+@pytest.mark.long
 @RANDOM_PROGRAMS
 @given(PROGRAMS)
 def test_a_program_makes_the_motions_of_the_reference(ops: list[Op]) -> None:

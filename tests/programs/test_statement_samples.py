@@ -74,6 +74,7 @@ def hosts(name: str) -> list[str]:
     return texts
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(("name", "word", "sample"), NEUTRAL, ids=lambda value: str(value)[:24])
 def test_a_neutral_statement_changes_nothing_wherever_it_stands(name: str, word: str, sample: str) -> None:
     for text in hosts(name):

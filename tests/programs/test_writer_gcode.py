@@ -88,6 +88,7 @@ def test_no_correction_gives_the_source_byte_for_byte(name: str) -> None:
     assert result.moved_motions == 0
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("which", ["all", "feeds", "every third"])
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_read_back_runs_through_every_commanded_point(name: str, which: str) -> None:

@@ -90,6 +90,7 @@ def test_it_stands_in_a_hold_and_in_a_fault(state: State) -> None:
         assert np.linalg.norm(stood - y) <= BRAKES_M
 
 
+@pytest.mark.long
 def test_a_ramp_comes_to_zero_in_its_time_and_no_faster_than_it_may() -> None:
     """The end that the exploration of the supervisor takes for granted."""
     for y, v in beginnings():

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 GOOD: dict[str, Any] = {
-    "width": 360, "scroll": 360, "wide": [], "empty": [], "small": [], "cut": [], "over": [], "faults": [],
+    "width": 360, "scroll": 360, "wide": [], "empty": [], "small": [], "pale": [], "cut": [], "over": [], "faults": [],
 }  # fmt: skip
 
 
@@ -36,6 +36,7 @@ def test_a_page_that_fits_has_no_faults(check_pages: ModuleType) -> None:
         ("wide", ["DIV.card"], "runs off the page: DIV.card"),
         ("empty", ["map"], "not drawn: map"),
         ("small", ["TD 7"], "too small to read: TD 7"),
+        ("pale", ["TD 0.31 2.1"], "too pale to read: TD 0.31 2.1"),
         ("cut", ["map: 0.31 mm"], "label cut off: map: 0.31 mm"),
         ("over", ["map: 1 and 2"], "map: 1 and 2"),
         ("faults", ["x is not defined"], "script: x is not defined"),

@@ -30,6 +30,7 @@ def space() -> Space:
     return explore()
 
 
+@pytest.mark.long
 def test_the_page_shows_what_the_supervisor_does(space: Space) -> None:
     assert TABLE.PAGE.read_text(encoding="utf-8") == TABLE.page(space)
 
@@ -62,6 +63,7 @@ def test_requests_are_tried_in_every_state() -> None:
     assert "refused" in by_state["fault"]["reset"]
 
 
+@pytest.mark.long
 def test_a_part_without_a_place_on_the_page_is_named(
     space: Space, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -28,6 +28,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_the_wheel_is_pure_and_holds_all_that_the_package_has(built: Path) -> None:
     (wheel,) = built.glob("*.whl")
     assert wheel.name == f"counterflex-{__version__}-py3-none-any.whl"

@@ -120,6 +120,7 @@ def test_a_higher_blank_is_cut_deeper(known: Truth, one: Measured, settings: dic
     )
 
 
+@pytest.mark.long
 def test_identified_law_predicts_cuts_of_another_proposal(cell: CellModel) -> None:
     truth = truth_of(read_cell(CELL), 4)  # force constants about 10 % off, ploughing and runout that the law lacks
     data = []

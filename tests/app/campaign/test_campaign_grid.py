@@ -33,6 +33,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, small: Path) -> tuple[Path, P
     return program, folder / "out", done(small, program, folder / "out")
 
 
+@pytest.mark.long
 def test_a_row_for_each(made: tuple[Path, Path, dict[str, Any]]) -> None:
     _, out, summary = made
     rows = polars.read_parquet(out / "results.parquet")

@@ -32,6 +32,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, small: Path) -> tuple[Path, P
     return program, out, found
 
 
+@pytest.mark.long
 def test_files_of_every_step_are_there(done: tuple[Path, Path, dict[str, Any]]) -> None:
     _, out, _ = done
     names = {str(file.relative_to(out).as_posix()) for file in out.rglob("*") if file.is_file()}

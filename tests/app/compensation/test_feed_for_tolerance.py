@@ -147,6 +147,7 @@ def test_what_is_cut_again_keeps_the_least_chip(cell: Cell, program: ProgramFile
     assert np.all(by_chip[again])
 
 
+@pytest.mark.long
 def test_an_arc_keeps_one_feed(cell: Cell, program: ProgramFile) -> None:
     file = program(ARC)
     plain = compensate(file, cell)

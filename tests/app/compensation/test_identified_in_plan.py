@@ -90,6 +90,7 @@ def _base(folder: Path, program: Path) -> Plan:
     return compensate(program, read_cell(_cell(folder, None)), predict=False).plan
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("table", sorted(USED))
 def test_what_was_identified_changes_the_plan(table: str, tmp_path: Path, program: ProgramFile) -> None:
     file = program()

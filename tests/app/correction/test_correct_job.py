@@ -57,6 +57,7 @@ def shop(tmp_path_factory: pytest.TempPathFactory) -> Shop:
     return made
 
 
+@pytest.mark.long
 def test_the_next_program_stands_on_the_class_of_the_robot_as_the_plan_does(tmp_path: Path) -> None:
     text = CELL.read_text(encoding="utf-8")
     cell, program, truth = (tmp_path / name for name in ("cell.toml", "part.ngc", "truth.toml"))
@@ -75,6 +76,7 @@ def surface_mm(shop: Shop, part: Path) -> float:
     return float(seed["variants"]["nominal"]["surface"]["p997_mm"])
 
 
+@pytest.mark.long
 def test_second_part_is_better_and_as_expected(shop: Shop) -> None:
     first, second = (surface_mm(shop, part) for part in (shop.part, shop.next_part))
     assert second < 0.5 * first
@@ -98,6 +100,7 @@ def test_the_next_plan_goes_on_from_the_history(shop: Shop, tmp_path: Path) -> N
     assert np.max(np.abs(third.measured_part - second.measured_part)) < np.max(np.abs(second.measured_part))
 
 
+@pytest.mark.long
 def test_constants_go_into_a_new_cell_file_with_which_a_new_plan_is_better(shop: Shop, tmp_path: Path) -> None:
     new = tmp_path / "cell.toml"
     summary = correct.run(shop.program, CELL, shop.plan, [shop.part], tmp_path / "out", apply=new, report=False)

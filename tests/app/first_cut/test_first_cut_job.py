@@ -88,6 +88,7 @@ def test_a_part_that_the_robot_holds_is_refused_before_it_is_milled(tmp_path: Pa
     assert not (tmp_path / "coupon").exists()
 
 
+@pytest.mark.long
 def test_axes_of_the_class_are_written_whether_they_bend_or_not(tmp_path: Path) -> None:
     """The new cell needs no class any more: each axis has a stiffness, what nothing shows is marked as assumed."""
     cell_file = CELL.parent / "irb6640_d16.toml"
@@ -173,6 +174,7 @@ def deflections(cell: Cell, program: Path) -> np.ndarray:
     return plan.deflection_part[:, :3]
 
 
+@pytest.mark.long
 def test_the_new_cell_bends_as_the_measured_one(softer: tuple[Path, Path, Cell], coarse: Path, tmp_path: Path) -> None:
     """Of what the file before is off, less than a third is left: what faces have in common is believed to 6 %."""
     program, _, truth = softer

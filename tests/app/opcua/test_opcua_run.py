@@ -72,6 +72,7 @@ async def refused(call: Awaitable[Any]) -> str:
     return "done"
 
 
+@pytest.mark.long
 def test_a_run_over_opc_ua_and_a_server_that_dies(tmp_path: Path) -> None:
     """One story, because a loop and a server are slow to start."""
     (tmp_path / "run").mkdir()

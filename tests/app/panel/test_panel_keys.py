@@ -16,6 +16,7 @@ pytestmark = pytest.mark.skipif(chromium() is None, reason="no Chromium on this 
 COUNT = "[...document.querySelectorAll('.cf-actions .cf-small')].filter(e => e.innerText.includes('{}')).length == {}"
 
 
+@pytest.mark.long
 def test_keys_ramp_out_whatever_has_the_focus(tmp_path: Path) -> None:
     """A button that was clicked, a button that Tab has reached, and a question take no key away."""
     command = [sys.executable, "-m", "counterflex", "panel", str(tmp_path / "log"), "--port", "0"]

@@ -53,6 +53,7 @@ def log_in(page: Page, password: str) -> None:
     page.value("document.querySelector('form').submit()")
 
 
+@pytest.mark.long
 def test_a_viewer_logs_in_over_tls(tmp_path: Path) -> None:
     public, private = certificate(tmp_path)
     set_user(tmp_path / "users.toml", "ben", "viewer", PASSWORD)

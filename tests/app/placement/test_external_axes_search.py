@@ -37,6 +37,7 @@ def written(folder: Path, text: str = RAIL + TABLE + FENCE) -> tuple[Path, Path]
     return folder / "part.ngc", folder / "cell.toml"
 
 
+@pytest.mark.long
 def test_values_are_chosen_and_everything_follows(tmp_path: Path) -> None:
     """The part stays where it is clamped; the chosen values stand in the cell file and in the KRL program."""
     program, file = written(tmp_path)

@@ -45,6 +45,7 @@ def written(folder: Path, more: str = "") -> tuple[Path, Path]:
     return folder / "part.ngc", folder / "cell.toml"
 
 
+@pytest.mark.long
 def test_the_spindle_is_placed_and_the_part_stays_in_the_hand(tmp_path: Path) -> None:
     """The file's own spindle, read anew, has the posture and the deflection that the search names."""
     program, file = written(tmp_path)
@@ -156,6 +157,7 @@ def test_a_vertical_spindle_is_not_turned_and_a_tilted_one_is(tmp_path: Path) ->
         assert (region.high[3] > region.low[3]) is free
 
 
+@pytest.mark.long
 def test_the_tilt_of_the_spindle_is_a_choice_and_the_file_has_all_of_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

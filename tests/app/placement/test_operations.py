@@ -62,6 +62,7 @@ def test_the_cheapest_way_is_that_of_all_ways(seed: int) -> None:
         assert total(tuple(found.tolist())) == pytest.approx(best)
 
 
+@pytest.mark.long
 def test_each_operation_stands_where_it_costs_least(tmp_path: Path) -> None:
     """Against every pair of 33 places of the two operations in the posture that was chosen, by the same errors.
 
@@ -100,6 +101,7 @@ def test_each_operation_stands_where_it_costs_least(tmp_path: Path) -> None:
     assert read_job(tmp_path / "part.src", cell, may_move=True).places is not None
 
 
+@pytest.mark.long
 def test_a_program_that_no_single_place_reaches(tmp_path: Path) -> None:
     """The two ends of the plate are 5 m apart."""
     long = RAIL.replace("-1500", "-3000").replace("2500", "7500").replace("at_mm = 500", "at_mm = 0")

@@ -31,6 +31,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.long
 def test_the_cell_file_has_the_place_and_all_else_of_before(done: Path) -> None:
     summary = json.loads((done / "summary.json").read_text())
     cell, chosen = read_cell(done / "cell.toml"), summary["chosen"]

@@ -37,6 +37,7 @@ def test_the_spindle_turns_with_all_beyond_it() -> None:
     assert arms[0] == pytest.approx(arms[1])
 
 
+@pytest.mark.long
 def test_the_best_angle_is_that_of_a_search_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("counterflex.plan.placement.search.POPULATION", 8)
     program, made = tmp_path / "part.ngc", Mounting("tcp", "b_deg", (75.0,))

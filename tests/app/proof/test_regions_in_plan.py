@@ -51,6 +51,7 @@ def left(folder: Path, program: Path, cell: Cell, truth: Truth) -> float:
     return found.variant.path.path.p997_m
 
 
+@pytest.mark.long
 def test_the_plan_with_the_regions_leaves_less(tmp_path: Path, program: ProgramFile) -> None:
     """Seeds 201 to 208: 0.58 to 0.78 of the error, mean 0.67; the cells are off by more than regions.
 
@@ -82,6 +83,7 @@ CURVES: list[dict[str, object]] = [
 ]
 
 
+@pytest.mark.long
 def test_the_plan_with_the_curves_of_the_gears_leaves_less(
     tmp_path: Path, program: ProgramFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -58,6 +58,7 @@ def proof(cell_file: Path, program: Path) -> tuple[Path, dict[str, Any]]:
     return out, prove.run(program, cell_file, out, seeds=[1], workers=1)
 
 
+@pytest.mark.long
 def test_little_error_remains_where_the_constants_are_known(proof: tuple[Path, dict[str, Any]]) -> None:
     shares = {seed["truth_level"]: seed["reduction"]["path"]["p997_mm"] for seed in proof[1]["seeds"]}
     assert proof[1]["variants"]["nominal"]["path"]["p997_mm"] > 0.3
@@ -105,6 +106,7 @@ def test_what_cannot_take_it_says_so(
         read_job(program, read_cell(cell_file))
 
 
+@pytest.mark.long
 def test_simulated_and_evaluated_from_files(cell_file: Path, program: Path, tmp_path: Path) -> None:
     make_truth(read_cell(cell_file), None, tmp_path / "truth.toml")
     summary = simulate.run(program, cell_file, tmp_path / "truth.toml", tmp_path / "run")

@@ -21,6 +21,7 @@ CELL, PROGRAM = EXAMPLES / "cells/kr300_d16_small.toml", EXAMPLES / "programs/gr
 HEAD = "feature,quantity,tolerance_mm\n"
 
 
+@pytest.mark.long
 def test_a_quotation_through_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -52,6 +53,7 @@ def test_a_quotation_through_files(
         assert "measure the cutting force" in text
 
 
+@pytest.mark.long
 def test_faces_of_a_step_file_are_quoted_as_the_features_of_the_program(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

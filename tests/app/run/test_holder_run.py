@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from counterflex.app.compensation.compensate import run as compensate
 from counterflex.app.proof.truth import make_truth
@@ -80,6 +81,7 @@ class Cycles:
     tool: list[int | None] = field(default_factory=list)
 
 
+@pytest.mark.long
 def test_holder_force_through_a_tool_change(tmp_path: Path) -> None:
     """Active in both cuts, with zero correction and a new zero between them, the next tool's matrix in the second.
 

@@ -59,6 +59,7 @@ def pair_cell(folder: Path) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_the_holder_falls_away_in_the_cut(tmp_path: Path) -> None:
     cell, program = pair_cell(tmp_path), tmp_path / "edge.ngc"
     program.write_text(ONE_CUT, encoding="utf-8")

@@ -65,6 +65,7 @@ def test_handbook_force_is_more_doubtful_than_an_identified_one(tmp_path: Path) 
     assert np.median(doubt.factors()) > 1.0
 
 
+@pytest.mark.long
 def test_the_command_prints_before_and_choices(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -42,6 +42,7 @@ chip_max_um = 300
 """
 
 
+@pytest.mark.long
 def test_half_immersion_in_steel_is_stable_for_both(tmp_path: Path) -> None:
     text = (EXAMPLES / "cells" / "kr300_d16_small.toml").read_text(encoding="utf-8")
     text = re.sub(r"^\[material\].*?(?=^\[)", lambda _: STEEL, text, flags=re.DOTALL | re.MULTILINE)

@@ -59,6 +59,7 @@ def test_from_an_empty_folder_to_three_programs_and_a_report(tmp_path: Path, bro
         assert page.value("self.origin") == "null"  # a page of the folder has no rights in the studio
 
 
+@pytest.mark.long
 def test_readings_of_an_instrument_become_a_cell_file(tmp_path: Path, browser: Browser) -> None:
     examples.write_all(tmp_path / "cell.toml")
     with studio_walk.studio(tmp_path) as link:
@@ -80,6 +81,7 @@ def test_proof_inspection_and_the_next_part(tmp_path: Path, browser: Browser, wi
         assert (tmp_path / "groove-krl-next" / "groove.src").stat().st_size > 0
 
 
+@pytest.mark.long
 def test_a_stranger_gets_nothing(tmp_path: Path) -> None:
     (tmp_path / "secret.txt").write_text("secret", encoding="utf-8")
     with studio_walk.studio(tmp_path) as link:

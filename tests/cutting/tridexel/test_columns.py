@@ -112,6 +112,7 @@ def _brute_force(path: Float, axis: Float, radius: float, x: Float, y: Float, z:
     return held
 
 
+@pytest.mark.long
 def test_a_tool_that_turns_while_it_cuts_leaves_what_hundreds_of_poses_leave() -> None:
     path = np.array([[-0.012, 0.001, -0.004], [0.0, -0.001, -0.006], [0.011, 0.002, -0.003]])
     lean = np.array([-15.0, 3.0, 20.0]) * DEG
@@ -270,6 +271,7 @@ def _posed(cutter: Cutter, tip: Float, axis: Float, around: int = 40) -> Float:
     return np.concatenate([tip + b * axis + a * ring for a, b in zip(rho, h, strict=True)]) * 1e3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cutter", [Cutter(0.008), Cutter(0.008, 0.004)], ids=["flat", "ball"])
 def test_an_impeller_has_the_volume_that_a_solid_modeller_gives_it(cutter: Cutter) -> None:
     tips, axes = _channel(1, 2, 72)

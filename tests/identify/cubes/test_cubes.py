@@ -159,6 +159,7 @@ def test_a_sum_is_split_by_the_known_sensor(cell: CellModel) -> None:
     assert COUNTED["cubes"].text in result.remarks
 
 
+@pytest.mark.long
 def test_wrong_data_are_named(cell: CellModel, measured: tuple[Truth, Dataset]) -> None:
     data = measured[1].rows(np.arange(len(measured[1])) < 30)
     turned = replace(data.channel("w_tcp_base"), values=-data.values("w_tcp_base"))

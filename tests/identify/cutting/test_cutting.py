@@ -242,6 +242,7 @@ def test_intervals_cover_the_truth_at_their_rate(cell: CellModel) -> None:
     assert np.all(inside / runs <= 0.99)
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(
     ("law", "names"),
     [
@@ -440,6 +441,7 @@ def test_proposals_that_cannot_be(cell: CellModel) -> None:
         RECIPE.propose(cell, 0, {})
 
 
+@pytest.mark.long
 def test_a_record_of_single_teeth_gives_the_runout_and_a_slow_one_says_so(cell: CellModel) -> None:
     cutter = replace(D16, runout_m=6.0 * UM)
     period = 2.0 * math.pi / SPEED

@@ -41,6 +41,7 @@ def test_as_published_nothing_is_suspected(tmp_path: Path, cell: CellModel) -> N
     assert check_tracker_data(cell, stated(tmp_path)) == ()
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(
     ("change", "channel", "says"),
     [
@@ -58,6 +59,7 @@ def test_a_mistake_is_named_with_its_own_channel(
     assert f"channels.{channel}" in str(fault.value)
 
 
+@pytest.mark.long
 def test_a_transposed_flange_is_named(tmp_path: Path, cell: CellModel) -> None:
     data = stated(tmp_path)
     old = data.channel("R_base_flange")

@@ -99,6 +99,7 @@ MISTAKES: list[tuple[str, Callable[[Float], Float], str]] = [
 ]
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(("channel", "change", "says"), MISTAKES, ids=[m[2] for m in MISTAKES])
 def test_each_mistake_is_named(arm: Any, channel: str, change: Callable[[Float], Float], says: str) -> None:
     data = _changed(_dataset(arm, 1, load_n=3000.0), channel, change)

@@ -153,6 +153,7 @@ def test_more_than_a_third_of_a_session_is_refused_and_as_stated_keeps_all() -> 
     assert any("is off by" in r for r in kept.remarks)
 
 
+@pytest.mark.long
 def test_the_frame_of_the_tracker_leaves_them_out_too() -> None:
     d = off_by(session(45, 4), np.arange(10), "tracker", 4)
     found = tracker_frame.RECIPE.identify(CELL, [d], [], {}, silent)

@@ -153,6 +153,7 @@ def test_a_longer_tool_needs_no_calibration_of_its_own() -> None:
     assert np.max(np.linalg.norm(old, axis=1)) > 0.10 * 200.0
 
 
+@pytest.mark.long
 def test_loads_at_one_point_leave_longer_tools_to_the_drawing_and_say_so() -> None:
     data = loaded(as_in_the_paper(TCP), PAPER_GAUGES, 1)
     found = RECIPE.identify(model(), [data], [], {}, silent)

@@ -95,6 +95,7 @@ def test_poses_held_out_are_met_better_where_there_is_friction_and_as_well_where
     assert mean_mm(without) == pytest.approx(mean_mm(found(41, False, "off")), rel=1e-9)
 
 
+@pytest.mark.long
 def test_what_is_not_fitted_is_said_with_its_size() -> None:
     """Where nothing says from which side the axes came, the order of the rows is tried, and only named."""
     bare = {k: c for k, c in cube(41, True).channels.items() if k != CHANNEL}
@@ -232,6 +233,7 @@ def test_better_is_judged_pose_by_pose_and_beyond_chance() -> None:
     assert better(errors(worse, gross=7), errors(before))[0]
 
 
+@pytest.mark.long
 def test_what_poses_held_out_do_not_bear_out_is_told_and_left(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kinematics_stages, "better", lambda *_: (False, "no better"))
     result = RECIPE.identify(CELL, [cube(41, True)], [], {**PLAIN, "play": "known"}, silent)

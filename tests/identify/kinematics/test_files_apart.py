@@ -91,6 +91,7 @@ def test_a_fitted_file_that_stands_apart_is_named(way: str, move: tuple[float, .
     assert named.headline[0].value < 0.12
 
 
+@pytest.mark.long
 def test_as_stated_turns_it_into_a_remark() -> None:
     found = _found([_file("May"), _file("June", seed=1, move=NEAR)], as_stated=True)
     assert any("June differs" in r and "as requested" in r for r in found.remarks)

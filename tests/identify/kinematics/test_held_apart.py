@@ -51,6 +51,7 @@ def figure(found: Identification, name: str) -> float:
 EAST, WEST = np.array([4.0, 1.0, 0.8]), np.array([-1.0, 4.0, 0.8])
 
 
+@pytest.mark.long
 def test_frames_that_only_the_part_held_out_fixes_are_found_anew_and_not_taken_from_the_whole_fit() -> None:
     """Two trackers of their own: what starts from the whole fit would have seen the file that it judges."""
     apart = [station(EAST, "east", 1), station(WEST, "west", 3, tracker="west")]

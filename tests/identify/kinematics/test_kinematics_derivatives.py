@@ -59,6 +59,7 @@ def _blocks(model: ArmModel) -> tuple[list[Residuals], int]:
     ], p + 15
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sag", ["masses", "torsion"])
 def test_derivatives_are_exact_by_their_order_of_convergence(sag: str) -> None:
     model = _arm(sag)

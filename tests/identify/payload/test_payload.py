@@ -270,6 +270,7 @@ def test_the_twins_sensor_is_found_through_its_faults() -> None:
     assert any("degree 1 is used, with the rotation of the sensor in axis4" in r for r in found.remarks)
 
 
+@pytest.mark.long
 def test_the_check_while_typing_finds_the_outlier_of_the_whole_fit_and_compares_no_hose(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -341,6 +342,7 @@ def test_a_swing_of_the_twin_shows_the_spindles_inertia() -> None:
     assert fit.sigma_of("inertia.yy") < 0.2
 
 
+@pytest.mark.long
 def test_the_cell_file_gets_sum_and_table() -> None:
     found, _ = twin_run("auto")
     table = next(c for c in found.changes if isinstance(c, TableValues))

@@ -39,6 +39,7 @@ def test_interval_of_the_growth_holds() -> None:
     assert 0.8 < inside / 60 <= 0.99
 
 
+@pytest.mark.long
 def test_a_new_edge_is_seen_and_not_made_up() -> None:
     rng = np.random.default_rng(2)
     n = 12

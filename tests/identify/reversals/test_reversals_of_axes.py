@@ -238,6 +238,7 @@ def test_a_loaded_axis_says_that_its_dead_band_was_not_seen(cell: CellModel) -> 
     assert result.fits["axis 3"].sigma_of("axis3.half_band") > 20.0 * URAD
 
 
+@pytest.mark.long
 def test_friction_of_the_link_beyond_all_friction_of_the_axis_is_not_written(cell: CellModel) -> None:
     """The motor's torque shows link and motor together: 320 N m of the link alone cannot be part of 150."""
     data = campaign(cell, 0, by="encoder")
@@ -254,6 +255,7 @@ def test_friction_of_the_link_beyond_all_friction_of_the_axis_is_not_written(cel
     assert any("its values are not written" in r for r in both.remarks)
 
 
+@pytest.mark.long
 def test_the_shortest_proposal_holds_a_balanced_and_a_loaded_pose_of_each_axis(cell: CellModel) -> None:
     proposal = propose(cell, 12, {})
     q = np.column_stack([proposal.columns[f"q{i + 1}_rad"] for i in range(6)])

@@ -213,6 +213,7 @@ def record(sign: float = 1.0, shift_s: float = 0.02, **more: Float) -> Dataset:
     return of_arrays("chirp", "record", arrays, {"q_command": URAD, "q_motor": URAD})
 
 
+@pytest.mark.long
 def test_a_lag_used_as_stated_says_so(cell: CellModel) -> None:
     """What was found about a record was computed and thrown away."""
     turned = record(sign=-1.0)

@@ -34,6 +34,7 @@ ONE_SIGN = _with("f_tcp_base", lambda f: f * [1.0, -1.0, 1.0])
 ROWS = _with("d_tcp_base", lambda d: np.roll(d, 1, axis=0))
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(
     ("data", "prior", "says"),
     [

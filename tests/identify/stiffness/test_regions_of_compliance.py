@@ -147,6 +147,7 @@ GEARS = (
 """Gears that are half as stiff below a fifth of their largest torque."""
 
 
+@pytest.mark.long
 def test_gears_that_stiffen_with_the_load_are_met_in_the_cell_file_too() -> None:
     """Seeds 31, 32: error on pulls not used with curves over that without; the written cell's chain has the same."""
     for seed in (31, 32):

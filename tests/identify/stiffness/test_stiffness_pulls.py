@@ -263,6 +263,7 @@ def of_changed(d: Dataset, name: str, values: Float) -> Dataset:
     return replace(d, channels={**d.channels, name: replace(d.channel(name), values=values)})
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("fault", sorted(WRONG))
 def test_wrong_data_are_named_not_fitted_away(cell: CellModel, fault: str) -> None:
     quiet = no_play(cell)
@@ -362,6 +363,7 @@ def test_proposal_keeps_limits_and_beats_chance(cell: CellModel) -> None:
         stiffness.propose(cell, 24, {"directions": "+w"})
 
 
+@pytest.mark.long
 def test_real_cable_pulls() -> None:
     """FANUC R-2000iC, 43 pulls: axes 1, 3, 4 and 5 as published within a fifth, axis 6 is not for use."""
     cell = model_of(read_cell(EXAMPLES / "cells" / "fanuc_r2000ic.toml"))

@@ -104,6 +104,7 @@ def test_fiducials_place_the_tracker_within_its_stated_intervals(seed: int) -> N
     assert np.max(found.sigma[3:]) < 20e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_poses_and_fiducials_give_target_and_tracker_with_honest_intervals(seed: int) -> None:
     lab = laboratory(seed)
@@ -175,6 +176,7 @@ def test_bad_fiducials_are_named() -> None:
         _identify(data.rows(data.group <= 3))
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(
     ("change", "says"),
     [

@@ -43,6 +43,7 @@ def job(diameter_mm: float) -> list[Any]:
     return [SimpleNamespace(ToolNumber=1, Tool=tool), SimpleNamespace(Path=None)]
 
 
+@pytest.mark.long
 def test_a_job_comes_back_in_the_language_of_the_robot(export: Callable[..., str], tmp_path: Path) -> None:
     out = tmp_path / "part.src"
     arguments = f"--no-show-editor --cell {CELL} --as krl --assume-class --no-predict --no-report --without-preflight"
@@ -54,6 +55,7 @@ def test_a_job_comes_back_in_the_language_of_the_robot(export: Callable[..., str
     assert (tmp_path / "part-counterflex" / "plan.parquet").is_file()
 
 
+@pytest.mark.long
 def test_a_tool_of_another_diameter_than_in_the_cell_stops_the_job(export: Callable[..., str], tmp_path: Path) -> None:
     out = tmp_path / "part.src"
     with pytest.raises(RuntimeError, match="another tool than the cell file: line 1 names 8 mm for T1, the cell 16 mm"):

@@ -166,6 +166,7 @@ def test_round_trip_to_the_written_places(values: list[float], counter: int, pla
     assert [float(root.find("RIst").get(a)) for a in "XYZABC"] == reader.values[:6].tolist()  # type: ignore[union-attr, arg-type]
 
 
+@pytest.mark.long
 @settings(max_examples=1500)
 @given(st.data())
 def test_what_is_accepted_an_xml_library_reads_alike(data: st.DataObject) -> None:

@@ -107,6 +107,7 @@ def groove() -> dict[str, bytes]:
     return {name: (folder / name).read_bytes() for name in ("groove.src", "groove.dat")}
 
 
+@pytest.mark.long
 def test_a_program_of_the_station_is_compensated(script: Path, tmp_path: Path) -> None:
     station = Station(
         {

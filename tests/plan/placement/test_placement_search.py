@@ -121,6 +121,7 @@ def test_what_is_out_of_reach_is_refused_for_that(site: Site) -> None:
     assert done.deflection_m == np.inf
 
 
+@pytest.mark.long
 def test_the_search_is_as_good_as_all_places_of_a_grid(site: Site) -> None:
     low, high = (1.2, -0.03, 0.6, 0.0), (1.8, -0.03, 1.1, 0.0)
     middle, R = np.zeros(3), np.eye(3)

@@ -244,6 +244,7 @@ def rows_of(folder: Path, program: str, cell: Cell) -> dict[str, dict[str, Any]]
     return {row["check"]: row for row in job.check(folder / "part.ngc", cell).summary["checks"]}
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("name", FAULTS)
 def test_each_fault_is_stopped_or_named(name: str, tmp_path: Path, cell: Callable[..., Cell]) -> None:
     fault = FAULTS[name]

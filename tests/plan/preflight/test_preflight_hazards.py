@@ -176,6 +176,7 @@ def test_a_tight_value_is_known_for_every_key() -> None:
     assert of_tables == set(TIGHT)
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize("key", [key for key, (_, check) in TIGHT.items() if check])
 def test_a_value_that_is_too_tight_is_said_by_its_row(key: str, verdicts: Callable[..., dict[str, str]]) -> None:
     value, check = TIGHT[key]

@@ -41,6 +41,7 @@ def checked(folder: Path, program: str) -> dict[str, Any]:
     return {row["check"]: row for row in job.check(folder / "part.ngc", cell()).summary["checks"]}
 
 
+@pytest.mark.long
 def test_rows_that_are_left_out_are_farther_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     quick = checked(tmp_path, raster(3.0))
     monkeypatch.setattr(JointSweep, "skips", lambda *_: False)
@@ -52,6 +53,7 @@ def test_rows_that_are_left_out_are_farther_away(tmp_path: Path, monkeypatch: py
     assert every[HOLDER]["verdict"] == "fail"  # the machined stock is what counts
 
 
+@pytest.mark.long
 def test_passes_close_to_each_other_are_not_looked_at_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Four times as many passes over the same place cost fewer than three times as many looks."""
     looks: list[int] = []

@@ -59,6 +59,7 @@ def test_without_pockets_it_is_two_timoshenko_cheeks(plain: Behaviour) -> None:
     np.testing.assert_allclose(plain.compliance, plain.compliance.T, atol=1e-9 * np.abs(plain.compliance).max())
 
 
+@pytest.mark.long
 def test_pockets_cost_stiffness_and_deeper_ones_cost_more(plain: Behaviour, cut: Behaviour) -> None:
     lost = lost_stiffness(plain, cut)
     assert np.all(lost > 0.0)
@@ -82,6 +83,7 @@ def test_mirrored_cheeks_show_mirrored_strains(cut: Behaviour) -> None:
     np.testing.assert_allclose(cut.strain[0, 1], -cut.strain[1, 1], rtol=1e-6)
 
 
+@pytest.mark.long
 def test_places_are_chosen_within_the_limit_and_see_more(plain: Behaviour, cut: Behaviour) -> None:
     assert np.max(lost_stiffness(plain, cut)) > 0.05
     chosen = Chosen.of(DRAWING, 6, 0.05, MESH_M, NOISE, bricks=1)
@@ -113,6 +115,7 @@ def test_pockets_that_cannot_be_cut_are_refused(change: dict[str, float], said: 
         Drawing(BEAM, (replace(pockets()[0], **change),), TCP)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_pockets_that_meet_and_limits_that_cannot_be_kept_are_refused() -> None:
     one = pockets()[0]
     with pytest.raises(InputError, match="pocket 2 meets pocket 1"):

@@ -75,11 +75,13 @@ def plane_gain(height: float, depth: float, finest: float) -> float:
     return _strain(height, depth, finest, cut=True) / (1.0 + NU) / plain
 
 
+@pytest.mark.by_turn
 @pytest.mark.parametrize(("height", "depth"), [(6.0, 4.0), (6.0, 8.0), (12.0, 8.0)])
 def test_the_plane_model_has_converged(height: float, depth: float) -> None:
     assert plane_gain(height, depth, 0.5) == pytest.approx(plane_gain(height, depth, 0.25), rel=5e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("depth", [4.0, 8.0])
 def test_what_is_left_is_less_than_what_the_last_refinement_changed(depth: float) -> None:
     """At the default of four bricks; the cheek is eight times as wide as thick, so that plane strain is near."""
