@@ -84,7 +84,7 @@ def arc_table(terms: Float, n_bins: int) -> Float:
     return table
 
 
-def runout_table(exponents: Float, flutes: int, nodes: int) -> Float:
+def runout_table(exponent: Float, flutes: int, nodes: int) -> Float:
     """Tabulate by how much runout changes the mean of h^p over the teeth, for a tool whose axis is off by e.
 
     Edge j stands ``r_j = e cos(alpha + 2 pi j / N)`` further out and takes what the edges before it have left,
@@ -94,7 +94,7 @@ def runout_table(exponents: Float, flutes: int, nodes: int) -> Float:
     Alpha is averaged over the turn: helix and clamping turn it, and no cell file states it.
 
     Args:
-        exponents: (n_terms,) p, >= 0; an edge force (p = 0) acts where the edge cuts at all.
+        exponent: (n_terms,) p, >= 0; an edge force (p = 0) acts where the edge cuts at all.
         flutes: N.
         nodes: Number of nodes at equal steps of ``e / (e + h)`` from 0 to 1.
 
@@ -107,7 +107,7 @@ def runout_table(exponents: Float, flutes: int, nodes: int) -> Float:
             range(1, flutes + 1)]  # fmt: skip
     chip = np.min(left, axis=0)
     cuts, logarithm = chip > 0.0, np.log(np.where(chip > 0.0, chip, 1.0))
-    powers = [np.where(cuts, np.exp(p * logarithm), 0.0) for p in exponents.tolist()]
+    powers = [np.where(cuts, np.exp(p * logarithm), 0.0) for p in exponent.tolist()]
     return np.array([[power.mean(axis=1), (power * logarithm).mean(axis=1)] for power in powers])
 
 
