@@ -29,7 +29,6 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.cutting.arc_integrals import runout_table
 from counterflex.cutting.cutter import Cutter
-from counterflex.cutting.mean_force import N_BINS
 
 _LEVEL_NODES, _LEVEL_WEIGHTS = np.polynomial.legendre.leggauss(24)
 
@@ -44,6 +43,7 @@ def _graded(count: int) -> tuple[Float, Float]:
 # The slope of sin^p has no bound at 0 and pi for p below 1 (1 - m of common materials is 0.6 to 0.9): evenly spread
 # Gauss nodes lose their digits there.
 _ARC_NODES, _ARC_WEIGHTS = _graded(40)
+_RUNOUT_NODES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +218,7 @@ class _Uneven:
         cutter = cuts.cutter
         if cutter.runout_m == 0.0 or cutter.flutes < 2:
             return None
-        return cls(cutter.runout_m, cuts.feed_tooth_m, runout_table(np.array([p]), cutter.flutes, N_BINS)[0])
+        return cls(cutter.runout_m, cuts.feed_tooth_m, runout_table(np.array([p]), cutter.flutes, _RUNOUT_NODES)[0])
 
     def at(self, sine: Float) -> Float:
         """(2, ...) factor and its derivative by p, at sines of the immersion angle, cuts first."""
