@@ -141,8 +141,9 @@ def one(name: str, family: str, seed: int, levels: list[str], out: str) -> list[
                 atomic.write_bytes(place / level / file, text.encode(own.program.encoding, errors="replace"))
             after = machined(read_job(place / level / program.name, cell), cell, truth, job)
             row = {"program": name, "family": family, "seed": seed, "level": level, **figures(before, after)}
-            if not exact and (drawn := prediction_interval.drawn_errors(plan, known)) is not None:
-                found = prediction_interval.foreseen(plan, known) or drawn
+            drawn = None if exact else prediction_interval.foreseen(plan, known, as_drawn=True)
+            found = None if exact else prediction_interval.foreseen(plan, known)
+            if drawn is not None and found is not None:
                 row["probability_of_worse"] = round(found.worse_share, 4)
                 for variant in VARIANTS:
                     i = getattr(found, variant)

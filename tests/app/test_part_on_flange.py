@@ -57,6 +57,7 @@ def test_the_plan_says_what_the_simulated_cell_does(job: Job) -> None:
     cell = read_cell(HELD)
     truth = truth_of(cell, SEED, FAMILIES["wide"])
     setting = exact_setting(job, cell, truth)
+    assert setting.cutter_of(1).runout_m == truth.cutting.runout_m > 0.0
     planned = plan(job.path, job.line_of_motion, cell.stock(), setting)
     record = simulate.machine(job, cell, truth)
 

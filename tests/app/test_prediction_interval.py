@@ -20,7 +20,6 @@ from counterflex.app.prediction_interval import (
     Foreseen,
     calibrated,
     calibration_of,
-    drawn_errors,
     expected_deflection,
     foreseen,
     sharp_corners,
@@ -84,27 +83,26 @@ def width(one: Expected) -> float:
 
 
 def test_a_calibration_moves_the_ends_in_logarithms_and_leaves_the_median() -> None:
-    drawn = Expected(0.4, 0.2, 0.6, "x")
-    assert calibrated(drawn, (1.0, 1.0)) == drawn
-    moved = calibrated(drawn, (0.5, 2.0))
-    assert (moved.median_m, moved.low_m, moved.high_m) == pytest.approx((0.4, 0.4 / 2.0**0.5, 0.4 * 1.5**2))
-    nothing = Expected(0.0, 0.0, 0.0, "x")
-    assert calibrated(nothing, (0.5, 2.0)) == nothing
+    drawn = np.array([0.2, 0.4, 0.6])
+    np.testing.assert_allclose(calibrated(drawn, (1.0, 1.0)), drawn, rtol=1e-15)
+    np.testing.assert_allclose(calibrated(drawn, (0.5, 2.0)), [0.4 / 2.0**0.5, 0.4, 0.4 * 1.5**2], rtol=1e-15)
+    assert not calibrated(np.zeros(3), (0.5, 2.0)).any()
 
 
 def test_the_calibration_of_the_catalogue_is_taken_by_no_other_level(cell: Cell, plan: Plan) -> None:
-    factors, drawn = calibration_of(cell), drawn_errors(plan, cell)
+    factors, drawn = calibration_of(cell), foreseen(plan, cell, as_drawn=True)
     assert factors is not None
     assert drawn is not None
-    assert intervals(plan, cell) == {
-        "nominal": calibrated(drawn.nominal, factors.before),
-        "compensated": calibrated(drawn.compensated, factors.after),
-    }
+    for name, (low, high) in (("nominal", factors.before), ("compensated", factors.after)):
+        told, one = intervals(plan, cell)[name], getattr(drawn, name)
+        assert told.median_m == pytest.approx(one.median_m, rel=1e-3)
+        assert told.low_m == pytest.approx(one.median_m * (one.low_m / one.median_m) ** low, rel=1e-3)
+        assert told.high_m == pytest.approx(one.median_m * (one.high_m / one.median_m) ** high, rel=1e-3)
     measured = identified(cell, 0.02)
     by_class = read_cell(EXAMPLES / "cells" / "irb6640_d16.toml", assume_class=True)
     assert calibration_of(measured) is None
     assert calibration_of(by_class) is None
-    assert found(plan, measured) == drawn_errors(plan, measured)
+    assert found(plan, measured) == foreseen(plan, measured, as_drawn=True)
 
 
 def test_what_was_measured_is_predicted_more_narrowly(cell: Cell, plan: Plan) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,23 @@ def test_mean_over_the_single_teeth() -> None:
     np.testing.assert_allclose(ours, teeth.mean[:3], atol=2e-3 * float(np.linalg.norm(ours)))
 
 
+@pytest.mark.parametrize("cutter", [FLAT, BALL, BULL])
+@pytest.mark.parametrize("feed_um", [8.0, 40.0])
+def test_runout_is_that_of_the_single_teeth(cutter: Cutter, feed_um: float) -> None:
+    """Booked engagement and closed arc against teeth with helix, whose first edge stands anywhere to the offset."""
+    off = replace(cutter, runout_m=6 * UM)
+    booked, feed = engagement_of_arc(cutter, 4 * MM, 0.3, 2.5), feed_um * UM
+    turned = [replace(off, runout_angle_rad=k * math.pi / 6) for k in range(12)]
+    teeth = np.mean([tooth_forces(c, LAW, booked, feed, trochoid=False, steps=384).mean for c in turned], axis=0)
+    even = tooth_forces(cutter, LAW, booked, feed, trochoid=False, steps=384).mean
+    assert np.linalg.norm(teeth[:3] - even[:3]) > (0.04 if feed_um == 8.0 else 0.002) * np.linalg.norm(even[:3])
+    ours = mean_wrenches(mean_force_weights(off, LAW), booked, feed)
+    for part in (slice(0, 3), slice(3, 6)):
+        np.testing.assert_allclose(ours[part], teeth[part], atol=2e-3 * float(np.linalg.norm(teeth[part])))
+    arc = force(one(off, 4 * MM, 0.3, 2.5, feed), LAW)[0]
+    np.testing.assert_allclose(arc, teeth[:3], atol=4e-3 * float(np.linalg.norm(arc)))
+
+
 @pytest.mark.parametrize("p", [0.1, 0.7, 1.0])
 def test_integrals_and_their_derivative_by_the_exponent_against_quadrature(p: float) -> None:
     entry, leave, depth, feed = 0.0, 2.2, 2 * MM, 40 * UM
@@ -104,7 +122,7 @@ def test_integrals_and_their_derivative_by_the_exponent_against_quadrature(p: fl
     assert found.by_exponent[0, 1, 0] == pytest.approx(slope, rel=1e-7)
 
 
-@pytest.mark.parametrize("cutter", [FLAT, BALL, BULL])
+@pytest.mark.parametrize("cutter", [FLAT, BALL, BULL, replace(BULL, runout_m=5 * UM)])
 def test_derivatives_are_approached_with_the_square_of_the_step(cutter: Cutter) -> None:
     drop = 0.5 * UM if cutter.is_flat else 0.0
     base = (1.3 * MM, 0.4, 2.5, 30 * UM, drop)

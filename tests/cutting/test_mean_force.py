@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given, strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM, N_PER_MM, N_PER_MM2
+from counterflex.core.units import MM, N_PER_MM, N_PER_MM2, UM
 from counterflex.cutting.arc_integrals import cosine_power_integral, sine_power_integral
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.cutter import Cutter
@@ -172,6 +173,35 @@ def test_ball_and_bull_nose_match_integration_over_the_corner(law: ForceLaw, cor
     wrench = mean_wrenches(weights, depths, fz)
     np.testing.assert_allclose(wrench[:3], force.sum(axis=(0, 1)), rtol=4e-3, atol=0.02)
     np.testing.assert_allclose(wrench[3:], np.cross(arm, force).sum(axis=(0, 1)), rtol=4e-3, atol=2e-3)
+
+
+@pytest.mark.parametrize("flutes", [2, 3, 5])
+@pytest.mark.parametrize("drop_um", [0.0, 6.0])
+def test_runout_on_a_slope_is_that_of_teeth_that_cut_one_behind_the_other(flutes: int, drop_um: float) -> None:
+    """Each edge cuts the surface back to where it stands; the feed brings on the surface between two edges."""
+    cutter, runout = Cutter(diameter_m=10 * MM, corner_radius_m=5 * MM, flutes=flutes), 8 * UM
+    law, feed, drop = kienzle(), 12 * UM, drop_um * UM
+    weights = mean_force_weights(cutter, law)
+    level, at = weights.n_levels // 2, N_BINS // 3
+    depths = np.zeros((weights.n_levels, N_BINS))
+    depths[level, at] = 0.2 * np.diff(cutter.levels())[level]
+    even, uneven = (
+        mean_wrenches(mean_force_weights(c, law), depths, feed, drop)
+        for c in (cutter, replace(cutter, runout_m=runout))
+    )
+    sin_k, cos_k = weights.levels[level, :2]
+    chip = feed * weights.arc[0, 3, at] * weights.levels[level, 10] + drop * cos_k
+    powers = []
+    for alpha in np.linspace(0.0, 2 * math.pi, 90, endpoint=False):
+        reach = runout * sin_k * np.cos(alpha + 2 * math.pi * np.arange(flutes) / flutes)
+        surface, taken = float(reach.max()), []
+        for j in range(6 * flutes):
+            surface -= chip
+            taken.append(max(0.0, reach[j % flutes] - surface))
+            surface = max(surface, reach[j % flutes])
+        powers.append(np.mean((np.array(taken[-flutes:]) / chip) ** 0.75))
+    np.testing.assert_allclose(uneven, even * np.mean(powers), rtol=3e-3)
+    assert np.mean(powers) < 0.99
 
 
 def test_plunge_of_a_flat_end_mill() -> None:

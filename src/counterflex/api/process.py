@@ -89,7 +89,7 @@ def forces(
         arc_deg: Immersion angles where an edge enters and leaves; 0 to 180 is a full slot.
         revolution: Force of single teeth over one revolution instead of the mean.
         helix_deg: Of another tool of that size; None is that of the cell file.
-        runout_um: Likewise; acts in a revolution only.
+        runout_um: Likewise.
         trochoid: In a revolution edges follow their true path; otherwise circles.
 
     Returns:

@@ -129,26 +129,23 @@ def _calibrations() -> dict[str, IntervalCalibration]:
     }
 
 
-def calibrated(drawn: Expected, factors: tuple[float, float]) -> Expected:
-    """Return a drawn length with the ends of its interval moved by factors of :class:`IntervalCalibration`."""
-    low, high = (
-        drawn.median_m * (end / drawn.median_m) ** factor if drawn.median_m > 0.0 else end
-        for end, factor in zip((drawn.low_m, drawn.high_m), factors, strict=True)
-    )
-    return replace(drawn, low_m=low, high_m=high)
+def calibrated(drawn_m: Float, factors: tuple[float, float] | None) -> Float:
+    """Return (draws,) lengths, below and above their median moved by factors of :class:`IntervalCalibration`."""
+    median = float(np.median(drawn_m))
+    if factors is None or median == 0.0:
+        return drawn_m
+    share = drawn_m / median
+    out: Float = median * share ** np.where(share < 1.0, *factors)
+    return out
 
 
-def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Foreseen | None:
-    """Return the predicted path errors of :func:`drawn_errors`, calibrated where there are factors for the cell."""
-    errors, factors = drawn_errors(plan, cell, places), calibration_of(cell)
-    if errors is None or factors is None:
-        return errors
-    nominal, compensated = calibrated(errors.nominal, factors.before), calibrated(errors.compensated, factors.after)
-    return replace(errors, nominal=nominal, compensated=compensated)
+def foreseen(
+    plan: Plan, cell: Cell, places: ExternalPlaces | None = None, *, as_drawn: bool = False
+) -> Foreseen | None:
+    """Return the predicted path errors with what is not known, calibrated where there are factors for the cell.
 
-
-def drawn_errors(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Foreseen | None:
-    """Return the predicted path errors with what is not known, as they are drawn.
+    Args:
+        as_drawn: Leave the factors out.
 
     Returns:
         The figures; None where nothing is cut, nothing was predicted, or the robot holds the part (which this does not
@@ -167,9 +164,11 @@ def drawn_errors(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -
             np.einsum("...ij,...j->...i", R_base_part, values[points.row]) for values in (deviation, swing)
         )
         sizes.append(points.sizes(predicted + more * swinging + off))
-    nominal, compensated = sizes
-    worse = float(np.mean(compensated > nominal))
-    return Foreseen(expected(nominal, points.of), expected(compensated, points.of), worse)
+    worse = float(np.mean(sizes[1] > sizes[0]))
+    factors = None if as_drawn else calibration_of(cell)
+    each = (None, None) if factors is None else (factors.before, factors.after)
+    nominal, compensated = (expected(calibrated(*pair), points.of) for pair in zip(sizes, each, strict=True))
+    return Foreseen(nominal, compensated, worse)
 
 
 def swings(plan: Plan, cell: Cell, deviation: Float) -> tuple[Float, Float]:

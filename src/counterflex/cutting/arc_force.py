@@ -27,6 +27,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError, ModelError
+from counterflex.cutting.arc_integrals import runout_table
 from counterflex.cutting.cutter import Cutter
 
 _LEVEL_NODES, _LEVEL_WEIGHTS = np.polynomial.legendre.leggauss(24)
@@ -42,6 +43,7 @@ def _graded(count: int) -> tuple[Float, Float]:
 # The slope of sin^p has no bound at 0 and pi for p below 1 (1 - m of common materials is 0.6 to 0.9): evenly spread
 # Gauss nodes lose their digits there.
 _ARC_NODES, _ARC_WEIGHTS = _graded(40)
+_RUNOUT_NODES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +117,9 @@ class TermForce:
         cutter = cuts.cutter
         unit = cutter.flutes / (2.0 * math.pi)
         feed = cuts.feed_tooth_m
-        J, dJ = _arc_integrals(p, cuts.entry_rad, cuts.exit_rad)
-        ends = [_integrand(p, angle) for angle in (cuts.entry_rad, cuts.exit_rad)]
+        uneven = _Uneven.of(cuts, p)
+        J, dJ = _arc_integrals(p, cuts.entry_rad, cuts.exit_rad, uneven)
+        ends = [_integrand(p, angle, uneven) for angle in (cuts.entry_rad, cuts.exit_rad)]
         levels = _Levels.of(cutter, p)
         height = np.clip(np.minimum(levels.upper, cuts.depth_m[:, None]) - levels.lower, 0.0, None)
         # More depth lengthens only the level in which the cut ends; on a boundary that is the level above it.
@@ -201,22 +204,50 @@ class _Levels:
         return cls(bounds[:-1], upper, sine, cosine, sine_p, slope)
 
 
-def _integrand(p: float, phi: Float) -> Float:
+@dataclass(frozen=True, eq=False)
+class _Uneven:
+    """Factors of runout on a power of the chip, see :func:`counterflex.cutting.arc_integrals.runout_table`."""
+
+    runout_m: float
+    feed_tooth_m: Float  # (n,)
+    table: Float  # (2, nodes)
+
+    @classmethod
+    def of(cls, cuts: ArcCuts, p: float) -> _Uneven | None:
+        """The factors for some cuts; None where all teeth cut alike."""
+        cutter = cuts.cutter
+        if cutter.runout_m == 0.0 or cutter.flutes < 2:
+            return None
+        return cls(cutter.runout_m, cuts.feed_tooth_m, runout_table(np.array([p]), cutter.flutes, _RUNOUT_NODES)[0])
+
+    def at(self, sine: Float) -> Float:
+        """(2, ...) factor and its derivative by p, at sines of the immersion angle, cuts first."""
+        feed = self.feed_tooth_m.reshape(-1, *(1,) * (sine.ndim - 1))
+        share = self.runout_m / (self.runout_m + feed * sine)
+        nodes = np.linspace(0.0, 1.0, self.table.shape[1])
+        return np.stack([np.interp(share, nodes, values) for values in self.table])
+
+
+def _integrand(p: float, phi: Float, uneven: _Uneven | None = None) -> Float:
     """(n, 3): sin^p, sin^p cos, sin^p sin."""
     sine, cosine = np.clip(np.sin(phi), 0.0, None), np.cos(phi)
-    power = sine**p
+    power = sine**p if uneven is None else sine**p * uneven.at(sine)[0]
     out: Float = np.stack([power, power * cosine, power * sine], axis=-1)
     return out
 
 
-def _arc_integrals(p: float, entry: Float, leave: Float) -> tuple[Float, Float]:
+def _arc_integrals(p: float, entry: Float, leave: Float, uneven: _Uneven | None = None) -> tuple[Float, Float]:
     """J1, Jc, Js over each arc, (n, 3), and their derivatives by p; Gauss nodes crowd where sin vanishes."""
     span = (leave - entry)[:, None]
     phi = entry[:, None] + span * _ARC_NODES
-    shapes = _integrand(p, phi) * (span * _ARC_WEIGHTS)[..., None]
+    shapes = _integrand(p, phi, uneven) * (span * _ARC_WEIGHTS)[..., None]
     # sin^p log(sin) goes to 0 at both ends. Without the clip it is 0 times minus infinity.
-    logarithm = np.log(np.clip(np.sin(phi), 1e-300, None))[..., None]
-    return shapes.sum(axis=1), (shapes * logarithm).sum(axis=1)
+    sine = np.clip(np.sin(phi), 1e-300, None)
+    logarithm = np.log(sine)
+    if uneven is not None:
+        factor, by_p = uneven.at(sine)
+        logarithm = logarithm + by_p / factor
+    return shapes.sum(axis=1), (shapes * logarithm[..., None]).sum(axis=1)
 
 
 def _left_of(phi: Float) -> Float:

@@ -14,6 +14,8 @@ import scipy
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 
+_ANGLES = 720
+
 
 def sine_power_integral(p: float, phi: Float) -> Float:
     """Return S(p, phi) = integral of sin(t)^p over t from 0 to phi.
@@ -80,6 +82,33 @@ def arc_table(terms: Float, n_bins: int) -> Float:
         # before the exact integrals over the bin are put in.
         row[4] = row[3] ** -p
     return table
+
+
+def runout_table(exponent: Float, flutes: int, nodes: int) -> Float:
+    """Tabulate by how much runout changes the mean of h^p over the teeth, for a tool whose axis is off by e.
+
+    Edge j stands ``r_j = e cos(alpha + 2 pi j / N)`` further out and takes what the edges before it have left,
+
+        h_j = max(0, min_k (k h + r_j - r_(j-k))),   k = 1..N
+
+    Alpha is averaged over the turn: helix and clamping turn it, and no cell file states it.
+
+    Args:
+        exponent: (n_terms,) p, >= 0; an edge force (p = 0) acts where the edge cuts at all.
+        flutes: N.
+        nodes: Number of nodes at equal steps of ``e / (e + h)`` from 0 to 1.
+
+    Returns:
+        (n_terms, 2, nodes): ``mean (h_j / h)^p`` and its derivative by p.
+    """
+    share = np.minimum(np.linspace(0.0, 1.0, nodes), 1.0 - 1e-9)[:, None]
+    angle = (np.arange(_ANGLES) + 0.5) * (2.0 * math.pi / _ANGLES)
+    left = [k + share / (1.0 - share) * (np.cos(angle) - np.cos(angle - 2.0 * math.pi * k / flutes)) for k in
+            range(1, flutes + 1)]  # fmt: skip
+    chip = np.min(left, axis=0)
+    cuts, logarithm = chip > 0.0, np.log(np.where(chip > 0.0, chip, 1.0))
+    powers = [np.where(cuts, np.exp(p * logarithm), 0.0) for p in exponent.tolist()]
+    return np.array([[power.mean(axis=1), (power * logarithm).mean(axis=1)] for power in powers])
 
 
 def level_table(

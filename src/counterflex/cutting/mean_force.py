@@ -24,7 +24,11 @@ The side part and the end part add, so the force is continuous from the level cu
 Where the end face is engaged in part, the contact is taken as spread evenly around the axis: its side force and
 tilting moment are zero.
 
-Sources: Altintas and Lee 1998 (directions at an inclined edge), Berger2013 section 5 (mean force per path point).
+Runout makes chips uneven: each power term is multiplied by the mean of ``(h_j / h)^p`` over the teeth, at the chip of
+the bin (:func:`counterflex.cutting.arc_integrals.runout_table`). On the end face it moves no edge along the axis.
+
+Sources: Altintas and Lee 1998 (directions at an inclined edge), Berger2013 section 5 (mean force per path point), Kline
+and DeVor 1983 (runout).
 """
 
 from __future__ import annotations
@@ -38,7 +42,7 @@ import numpy as np
 from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
-from counterflex.cutting.arc_integrals import arc_table, level_table
+from counterflex.cutting.arc_integrals import arc_table, level_table, runout_table
 from counterflex.cutting.coefficients import ForceLaw
 
 N_BINS = 64
@@ -61,6 +65,10 @@ class CutterShape(Protocol):
         """Number of teeth."""
 
     @property
+    def runout_m(self) -> float:
+        """Offset of the cutter's axis from the spindle's in m."""
+
+    @property
     def flute_length_m(self) -> float:
         """Cutting length in m."""
 
@@ -73,8 +81,10 @@ class MeanForceWeights:
     """Everything the mean-force kernels need, as small owned arrays (compiled kernels take no read-only ones)."""
 
     terms: Float  # (n_terms, 4) rows (p, k_c, k_r, k_a) times N / 2 pi
-    arc: Float  # (n_terms, 5, n_bins) arc integrals, see counterflex.cutting.arc_integrals.arc_table
-    levels: Float  # (n_levels, 10 + n_terms) edge geometry, see counterflex.cutting.arc_integrals.level_table
+    # (n_terms, 6, n_bins) counterflex.cutting.arc_integrals.arc_table, and behind it the factors of runout_table
+    arc: Float
+    # (n_levels, 11 + n_terms) edge geometry, see counterflex.cutting.arc_integrals.level_table; runout in m
+    levels: Float
 
     @property
     def n_bins(self) -> int:
@@ -105,17 +115,28 @@ def mean_force_weights(cutter: CutterShape, law: ForceLaw, n_bins: int = N_BINS)
     if cutter.flutes < 1:
         raise InputError("number of flutes is out of range", value=cutter.flutes, limit=">= 1")
     terms = law.terms()
-    arc = arc_table(terms, n_bins)
+    uneven = runout_table(terms[:, 0], cutter.flutes, n_bins)[:, :1]
+    arc = np.ascontiguousarray(np.concatenate([arc_table(terms, n_bins), uneven], axis=1))
     boundaries = np.asarray(cutter.levels(), dtype=np.float64)
     levels = level_table(boundaries, radius, corner, cutter.flute_length_m, terms)
+    runout = as_positive("runout_m", cutter.runout_m, zero=True) if cutter.flutes > 1 else 0.0
+    levels = np.pad(levels, ((0, 0), (0, 1)), constant_values=runout)
     terms[:, 1:] *= cutter.flutes / (2.0 * math.pi)
     return MeanForceWeights(terms, arc, levels)
+
+
+@kernel("float64(float64[::1], float64, float64)")
+def _uneven(factors: Float, runout: float, chip: float) -> float:
+    """Factor of runout on the mean power of a chip, from a row of :func:`runout_table`."""
+    place = runout / (runout + chip) * (factors.size - 1)
+    before = min(int(place), factors.size - 2)
+    return float(factors[before] + (place - before) * (factors[before + 1] - factors[before]))
 
 
 @kernel("void(float64[::1], float64, float64[:,::1], float64[:,:,::1], float64[::1], float64[::1])")
 def _level_side(row: Float, feed: float, terms: Float, arc: Float, level: Float, out: Float) -> None:
     """Add the wrench of one level whose chip is ``feed sin(phi) sin(kappa)``."""
-    sin_k, cos_k, radius, z0 = level[0], level[1], level[3], level[4]
+    sin_k, cos_k, radius, z0, runout = level[0], level[1], level[3], level[4], level[level.size - 1]
     for t in range(terms.shape[0]):
         i1, ic, i_s = arc[t, 0], arc[t, 1], arc[t, 2]
         d1 = dc = ds = ec = es = 0.0
@@ -123,6 +144,11 @@ def _level_side(row: Float, feed: float, terms: Float, arc: Float, level: Float,
             d = row[b]
             # A level is engaged from its lower end upwards: its force acts half way up what is engaged.
             e = d * (z0 + 0.5 * d)
+            if runout > 0.0 and d > 0.0:
+                # Runout and chip both shrink with sin(kappa).
+                factor = _uneven(arc[t, 5], runout, feed * arc[t, 3, b])
+                d *= factor
+                e *= factor
             d1 += d * i1[b]
             dc += d * ic[b]
             ds += d * i_s[b]
@@ -145,6 +171,7 @@ def _inclined_side(row: Float, feed: float, drop: float, terms: Float, arc: Floa
     """Add the wrench of one level of a corner on a slope, chip ``feed sin(phi) sin(kappa) + drop cos(kappa)``."""
     # Returns the horizontal area over which it cuts by descending.
     sin_k, cos_k, radius, z0 = level[0], level[1], level[3], level[4]
+    runout = level[level.size - 1] * sin_k
     longest = 4.0 * (level[5] - z0) / sin_k  # bounds the noise of a climbing level that just loses contact
     width = math.pi / row.size
     area = 0.0
@@ -177,6 +204,9 @@ def _inclined_side(row: Float, feed: float, drop: float, terms: Float, arc: Floa
                 edge = min(row[b] * feed * sine / swept, longest)
             height = z0 + 0.5 * edge * sin_k
             front, back = chip**p * edge, rear**p * edge if rear > 0.0 else 0.0
+            if runout > 0.0:
+                front *= _uneven(arc[t, 5], runout, chip)
+                back *= _uneven(arc[t, 5], runout, rear)
             along, across = (front - back) * arc[t, 4, b], (front + back) * arc[t, 4, b]
             kc = terms[t, 1]
             kn = terms[t, 2] * sin_k + terms[t, 3] * cos_k

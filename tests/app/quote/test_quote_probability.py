@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.inputs import read_job, setting_of
-from counterflex.app.prediction_interval import drawn_errors
+from counterflex.app.prediction_interval import foreseen
 from counterflex.app.proof.judge import reference_of
 from counterflex.app.quote.path_errors import PathErrors, doubts, path_errors, points_of
 from counterflex.app.quote.probability import DrawnFeature, QuotedPart, Share
@@ -100,7 +100,7 @@ def test_a_shifted_path_shifts_walls_and_floor_by_as_much(drawing: QuotedPart, e
 
 def test_the_draws_are_those_of_the_interval(plan: Plan, cell: Cell, errors: PathErrors) -> None:
     # at the nodes in the cut the size across the feed has the distribution that the plan's interval is of
-    found = drawn_errors(plan, cell)  # before any calibration
+    found = foreseen(plan, cell)
     assert found is not None
     rows = errors.nodes.row
     step = np.diff(plan.path.p_part_tcp, axis=0, prepend=plan.path.p_part_tcp[:1])[rows]

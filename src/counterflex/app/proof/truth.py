@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -14,6 +15,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import MM, MS
 from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw, KienzleLaw
+from counterflex.cutting.cutter import Cutter
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import ClassStiffness
 from counterflex.geometry import pose
@@ -107,7 +109,7 @@ def make_truth(cell: Cell, seed: int | None, out: str | Path, family: Family = M
 def knowing(cell: Cell, truth: Truth) -> tuple[ElasticChain, ForceLaw]:
     """The truth's exact constants as a planner takes them: elastic chain and force law.
 
-    Inertia and runout have no place in a cell file and stay unknown.
+    Inertia of the motors has no place in a cell file and stays unknown.
     """
     robot, end_effector = _exact(cell, truth)
     law = cell.force_law
@@ -197,10 +199,10 @@ def command_lead(cell: Cell, truth: Truth, q: Float) -> float:
 
 
 def exact_setting(job: Job, cell: Cell, truth: Truth) -> Setting:
-    """Elastic chain, force law and lead of corrections of a truth.
+    """Elastic chain, force law, runout of the tools and lead of corrections of a truth.
 
-    The first two are written in the truth. The lead is none of its numbers: it is measured on the truth as a shop would
-    measure it (:mod:`counterflex.app.proof.truth`), in the middle of the program.
+    All but the last are written in the truth. The lead is none of its numbers: it is measured on the truth as a shop
+    would measure it (:mod:`counterflex.app.proof.truth`), in the middle of the program.
 
     Raises:
         ReachError: The middle of the program is out of reach.
@@ -213,4 +215,9 @@ def exact_setting(job: Job, cell: Cell, truth: Truth) -> Setting:
     Ts_part_tcp = pose.make(Rs_part_tcp, job.path.p_part_tcp[row])
     Ts_base_hand = hand_poses(setting.T_base_part, setting.T_base_tcp, Ts_part_tcp)
     q = inverse_path(setting.controller_chain, Ts_base_hand, setting.branch).q[0]
-    return replace(setting, shaping=replace(setting.shaping, lead_s=command_lead(cell, truth, q)))
+    shaping = replace(setting.shaping, lead_s=command_lead(cell, truth, q))
+    return replace(setting, shaping=shaping, cutter_of=partial(_clamped, cell, truth))
+
+
+def _clamped(cell: Cell, truth: Truth, number: int) -> Cutter:
+    return replace(cell.cutter(number), runout_m=truth.cutting.runout_m)

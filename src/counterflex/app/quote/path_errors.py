@@ -2,7 +2,7 @@
 
 The draws are those of :mod:`counterflex.app.prediction_interval`, at nodes of the path: what the plan predicts there,
 more or less of what the tool swings, and what each unknown leaves. A group of unknowns may count less, as after it was
-measured.
+measured. Each draw is as much larger or smaller as calibration moves its path error.
 """
 
 from __future__ import annotations
@@ -14,7 +14,15 @@ from types import MappingProxyType
 import numpy as np
 
 from counterflex.app.cut_points import CutPoints, points_of_plan
-from counterflex.app.prediction_interval import MODEL, SERVO, Kept, swings, unknown_in_part
+from counterflex.app.prediction_interval import (
+    MODEL,
+    SERVO,
+    Kept,
+    calibrated,
+    calibration_of,
+    swings,
+    unknown_in_part,
+)
 from counterflex.app.unknowns import sources
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -74,8 +82,13 @@ def path_errors(plan: Plan, cell: Cell, points: CutPoints, *, compensated: bool 
     low = np.minimum(at.astype(np.int64), max(len(points.row) - 2, 0))
     share, high = (at - low)[:, None], np.minimum(low + 1, len(points.row) - 1)
     error = unknown[:, low] + share * (unknown[:, high] - unknown[:, low])
-    settled = deviation - swing
-    error += kept.get(MODEL, 1.0) * settled[nodes.row] + (1.0 + more) * swing[nodes.row]
+    settled = kept.get(MODEL, 1.0) * (deviation - swing)
+    error += settled[nodes.row] + (1.0 + more) * swing[nodes.row]
+    if factors := calibration_of(cell):
+        whole = unknown + settled[points.row] + (1.0 + more) * swing[points.row]
+        drawn = points.sizes(whole @ cell.T_base_part[:3, :3].T)
+        moved = calibrated(drawn, factors.after if compensated else factors.before)
+        error *= (moved / np.where(drawn > 0.0, drawn, 1.0))[:, None, None]
     return PathErrors(plan, nodes, error)
 
 

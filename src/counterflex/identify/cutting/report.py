@@ -252,7 +252,10 @@ def remarks(chosen: ChosenForm, law: ForceLaw) -> tuple[str, ...]:
         )
     out += list(fit.hidden)
     if np.any(np.isfinite(chosen.block.pieces.turn_n)):
-        out.append("The runout found is that of the tool as clamped: write it as runout_um under [[tools]]")
+        out.append(
+            "The runout found is that of the tool as clamped; where the cell states another, its mean effect is in "
+            "the constants: write it as runout_um under [[tools]] and identify again"
+        )
     else:
         out.append(
             "Runout is not determined: it needs a record of the single teeth (rate well above the tooth passing "
