@@ -36,12 +36,13 @@ from counterflex.cutting.envelope_kernels import (
     block_flat,
     fill_minimiser,
     gather,
-    height_under,
     highest,
 )
 from counterflex.cutting.kernel_arrays import GRID, SCRATCH, Scratch, StockGrid, Workspace
 
 _STEEP: Final = 1.0e6
+EIGHT: Final = 8
+"""Blocks of a row that are looked at together whether one of them is above the cutter's lowest point."""
 
 
 @kernel()
@@ -92,8 +93,6 @@ def stamp_rows(
     sin_theta = slope / math.sqrt(1.0 + slope * slope)
     if not (flat or ball) and slope != 0.0:
         fill_minimiser(minimiser, radius, corner, slope)
-    for k in range(LANES):
-        bit[k] = np.int32(1 << k)
     for k in range(SIDE):
         lane[k] = np.float32(k * cell * ux)
         lane[SIDE + k] = np.float32(-k * cell * uy)
@@ -116,9 +115,15 @@ def stamp_rows(
     gathered = 0
     mode = END_FACE if plunge else (BOOK if book else COUNT)
     half_x, half_y = 0.5 * (LANES - 1) * cell, 0.5 * (ROWS - 1) * cell
-    diagonal = math.hypot(half_x, half_y)
-    reach = half_x * abs(ux) + half_y * abs(uy)
-    width = half_x * abs(uy) + half_y * abs(ux)
+    # A thousandth of a cell to spare: no block is skipped that rounding in its cells would lower.
+    spare = 1e-3 * cell
+    diagonal = math.hypot(half_x, half_y) + spare
+    reach = half_x * abs(ux) + half_y * abs(uy) + spare
+    width = half_x * abs(uy) + half_y * abs(ux) + spare
+    inner, r2, corner2 = radius - corner, radius * radius, corner * corner
+    # A cell cut on the level has the rounded height, which may lie above the height.
+    f_low = np.float32(low) if slope == 0.0 else np.float32(low - spare)
+    center = low + corner - spare
     for block_row in range(row_low, row_high, workers):
         j_low = block_row * ROWS
         j_high = min(j_low + ROWS, ny)
@@ -132,23 +137,38 @@ def stamp_rows(
         block_high = min(tops.shape[1], math.floor((x_right - x0) / cell / LANES) + 1)
         if block_high == tops.shape[1] - 1:
             block_high = tops.shape[1]  # the last column of blocks overlaps the one before
-        for block in range(block_low, block_high):
+        block = block_low - 1
+        while block + 1 < block_high:
+            block += 1
+            if block + EIGHT <= block_high:
+                above = False
+                for k in range(EIGHT):
+                    above |= tops[block_row, block + k] > f_low
+                if not above:
+                    block += EIGHT - 1
+                    continue
             top = tops[block_row, block]
-            if top <= low:
+            if top <= f_low:
                 continue
             i_low = min(block * LANES, nx - LANES)
             x_mid = x0 + cell * i_low + half_x
             dx, dy = x_mid - xa, y_mid - ya
             s_mid = dx * ux + dy * uy
             w_mid = dy * ux - dx * uy
-            if s_mid + reach <= reach_back or abs(w_mid) - width >= radius:
+            if s_mid + reach <= reach_back:
                 continue
-            beyond = s_mid - min(max(s_mid, 0.0), length)
-            distance = math.sqrt(beyond * beyond + w_mid * w_mid) - diagonal
-            if distance >= radius:
+            # The nearest cell lies no nearer than the rectangle about the block along the feed, nor than the circle.
+            beyond = max(0.0, max(-s_mid, s_mid - length))
+            along, aside = max(0.0, beyond - reach), max(0.0, abs(w_mid) - width)
+            away = max(0.0, math.sqrt(beyond * beyond + w_mid * w_mid) - diagonal)
+            rho2 = max(along * along + aside * aside, away * away)
+            if rho2 >= r2:
                 continue
-            if not flat and top <= low + height_under(max(0.0, distance), radius, corner):
-                continue
+            if not flat:
+                under = center - top  # of the corner's arc, above the highest cell
+                over = max(0.0, math.sqrt(rho2) - inner)
+                if under >= 0.0 and corner2 - over * over <= under * under:
+                    continue
             s_first = s_mid - half_x * ux - half_y * uy
             w_first = w_mid + half_x * uy - half_y * ux
             totals[0, VISITED] += (j_high - j_low) * LANES
