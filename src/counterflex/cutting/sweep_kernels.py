@@ -36,6 +36,7 @@ from counterflex.cutting.envelope_kernels import (
     block_flat,
     fill_minimiser,
     gather,
+    height_under,
     highest,
 )
 from counterflex.cutting.kernel_arrays import GRID, SCRATCH, Scratch, StockGrid, Workspace
@@ -115,15 +116,14 @@ def stamp_rows(
     gathered = 0
     mode = END_FACE if plunge else (BOOK if book else COUNT)
     half_x, half_y = 0.5 * (LANES - 1) * cell, 0.5 * (ROWS - 1) * cell
-    # A thousandth of a cell to spare: no block is skipped that rounding in its cells would lower.
-    spare = 1e-3 * cell
-    diagonal = math.hypot(half_x, half_y) + spare
-    reach = half_x * abs(ux) + half_y * abs(uy) + spare
-    width = half_x * abs(uy) + half_y * abs(ux) + spare
+    diagonal = math.hypot(half_x, half_y)
+    reach = half_x * abs(ux) + half_y * abs(uy)
+    width = half_x * abs(uy) + half_y * abs(ux)
     inner, r2, corner2 = radius - corner, radius * radius, corner * corner
-    # A cell cut on the level has the rounded height, which may lie above the height.
-    f_low = np.float32(low) if slope == 0.0 else np.float32(low - spare)
-    center = low + corner - spare
+    # To spare: no block is skipped that rounding in its cells would lower.
+    spare = 1e-3 * cell
+    # A cell cut by a flat end on the level has the rounded height, which may lie above the height.
+    limit = float(np.float32(low)) if flat and slope == 0.0 else low
     for block_row in range(row_low, row_high, workers):
         j_low = block_row * ROWS
         j_high = min(j_low + ROWS, ny)
@@ -143,31 +143,33 @@ def stamp_rows(
             if block + EIGHT <= block_high:
                 above = False
                 for k in range(EIGHT):
-                    above |= tops[block_row, block + k] > f_low
+                    above |= tops[block_row, block + k] > limit
                 if not above:
                     block += EIGHT - 1
                     continue
             top = tops[block_row, block]
-            if top <= f_low:
+            if top <= limit:
                 continue
             i_low = min(block * LANES, nx - LANES)
             x_mid = x0 + cell * i_low + half_x
             dx, dy = x_mid - xa, y_mid - ya
             s_mid = dx * ux + dy * uy
             w_mid = dy * ux - dx * uy
-            if s_mid + reach <= reach_back:
+            if s_mid + reach <= reach_back or abs(w_mid) - width >= radius:
                 continue
-            # The nearest cell lies no nearer than the rectangle about the block along the feed, nor than the circle.
+            # The nearest cell lies no nearer than the circle about the block, nor than the rectangle along the feed.
             beyond = max(0.0, max(-s_mid, s_mid - length))
-            along, aside = max(0.0, beyond - reach), max(0.0, abs(w_mid) - width)
-            away = max(0.0, math.sqrt(beyond * beyond + w_mid * w_mid) - diagonal)
-            rho2 = max(along * along + aside * aside, away * away)
-            if rho2 >= r2:
+            away = math.sqrt(beyond * beyond + w_mid * w_mid) - diagonal
+            along, aside = max(0.0, beyond - reach - spare), max(0.0, abs(w_mid) - width - spare)
+            rho2 = along * along + aside * aside
+            if away >= radius or rho2 >= r2:
                 continue
             if not flat:
-                under = center - top  # of the corner's arc, above the highest cell
+                under = low + corner - spare - top  # height of the centre of the corner above the highest cell
                 over = max(0.0, math.sqrt(rho2) - inner)
                 if under >= 0.0 and corner2 - over * over <= under * under:
+                    continue
+                if top <= low + height_under(max(0.0, away), radius, corner):
                     continue
             s_first = s_mid - half_x * ux - half_y * uy
             w_first = w_mid + half_x * uy - half_y * ux
