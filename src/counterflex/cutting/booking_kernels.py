@@ -219,12 +219,14 @@ def _code_ball(
     d_of, new_of, s_of, w_of = event[0, :gathered], event[1, :gathered], event[2, :gathered], event[3, :gathered]
     place_of, quanta_of, next_of = code[0, :gathered], code[1, :gathered], code[2, :gathered]
     side_of, over_of, end_of = code[3, :gathered], code[4, :gathered], code[5, :gathered]
+    cut_of, h_of, ahead_of = event[4, :gathered], event[5, :gathered], event[6, :gathered]
     r2 = radius * radius
     per = _ONE / radius
     top, bins = np.float32(levels), np.float32(BINS)
     unit = radius / (top * top)
     drop = max(-slope, _ZERO)
     falls = slope < _ZERO
+    # Three loops: the chain of dependent operations of one would be longer than what the processor looks ahead.
     for i in range(gathered):
         s, w, new = s_of[i], w_of[i], new_of[i]
         a = max(r2 - w * w, _ZERO)
@@ -233,16 +235,20 @@ def _code_ball(
         line = za + slope * min(max(s, _ZERO), length) + radius - q
         rear = min(max(line - new, _ZERO), cut) if falls else _ZERO
         cut -= rear
-        half = _HALF * cut
-        rise = new + rear + half - za - radius
+        rise = new + rear + _HALF * cut - za - radius
         across = rise * cos_theta - s * sin_theta
         entry = (s * cos_theta + rise * sin_theta - math.sqrt(max(a - across * across, _ZERO))) * cos_theta
         shank = s - q
         # Above the equator the cylinder meets the column, not the sphere.
         entry = shank if rise - slope * shank > _ZERO else entry
-        h = max(rise + radius - slope * min(max(entry, _ZERO), length), _ZERO)
-        ahead = max(s - entry, _ZERO)
-        spot = np.floor(bin_of(ahead, w))
+        cut_of[i] = cut
+        h_of[i] = max(rise + radius - slope * min(max(entry, _ZERO), length), _ZERO)
+        ahead_of[i] = max(s - entry, _ZERO)
+    for i in range(gathered):
+        place_of[i] = np.int32(bin_of(ahead_of[i], w_of[i]))
+    for i in range(gathered):
+        cut, h, ahead = cut_of[i], h_of[i], ahead_of[i]
+        half = _HALF * cut
         level = np.floor(top * math.sqrt(min(h * per, _ONE)))
         border = unit * level * level
         width = unit * (level + level + _ONE)
@@ -253,16 +259,18 @@ def _code_ball(
         tall = (beyond > _ZERO) & (cut > width + width)
         other = level + (_ONE if above > below else -_ONE)
         share = ahead / (ahead + drop * max(radius - h, _SMALL) + _SMALL) if falls else _ONE
+        spot = np.float32(place_of[i])
         place_of[i] = np.int32(level * bins + spot)
         next_of[i] = np.int32(max(other, _ZERO) * bins + spot)
+        # Differences cast back: as 64-bit numbers they would halve the vectors of the whole loop.
         quanta = np.int32(0) if tall else quanta_of[i]
-        quanta_of[i] -= quanta
+        quanta_of[i] = np.int32(quanta_of[i] - quanta)
         over = min(np.int32(beyond * share * _SCALE + _HALF), quanta)
-        side = quanta - over
+        side = np.int32(quanta - over)
         side = min(np.int32((cut - beyond) * share * _SCALE + _HALF), side) if falls else side
         over_of[i] = over
         side_of[i] = side
-        end_of[i] = quanta - over - side
+        end_of[i] = np.int32(np.int32(quanta - over) - side)
     bottom = np.int64(0)
     for i in range(gathered if falls else 0):
         bottom += np.int64(end_of[i])

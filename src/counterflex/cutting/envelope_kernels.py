@@ -195,24 +195,29 @@ def highest(out: Float32, rows: Whole) -> Real:
 def fill_minimiser(table: Float32, radius: Real, corner: Real, slope: Real) -> None:
     """Tabulate u(|w|) of a bull nose at the slope, to 1e-6 of the radius."""
     # With x = sin(psi) the minimiser is the root of x sqrt((1 + m^2) rho^2 - w^2) - |m| rho, rho = R - r + r x. Newton
-    # falls to it from x = 1: by a third a step where the root is flat, hence so many. All nodes in vectors.
+    # falls to it from x = 1: by a third a step where the root is flat, hence so many at most. All nodes in vectors.
     inner = radius - corner
     steep = abs(slope)
     k = 1.0 + steep * steep
     sign = -1.0 if slope > 0.0 else 1.0
     sine = np.ones(NODES + 1)
-    for _ in range(17):
+    for step in range(17):
+        moved = False
         for i in range(NODES + 1):
             away = 1.0 - i * (1.0 / NODES)
             w = radius * (1.0 - away * away)
             x = sine[i]
             rho = inner + corner * x
-            table[i] = np.float32(sign * math.sqrt(max(0.0, rho * rho - w * w)))
+            value = np.float32(sign * math.sqrt(max(0.0, rho * rho - w * w)))
+            moved |= value != table[i]
+            table[i] = value
             root = math.sqrt(max(k * rho * rho - w * w, 1.0e-30))
             rise = root + x * k * rho * corner / root - steep * corner
             # Below that sine the outline is narrower than w: the tool does not reach the column, the root is imaginary.
             least = max(0.0, (w - inner) / corner)
             sine[i] = min(max(x - (x * root - steep * rho) / rise, least), 1.0)
+        if step > 0 and not moved:
+            return
 
 
 @kernel()

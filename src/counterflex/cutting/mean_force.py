@@ -133,7 +133,7 @@ def _uneven(factors: Float, runout: float, chip: float) -> float:
     return float(factors[before] + (place - before) * (factors[before + 1] - factors[before]))
 
 
-@kernel("void(float64[::1], float64, float64[:,::1], float64[:,:,::1], float64[::1], float64[::1])")
+@kernel("void(float64[::1], float64, float64[:,::1], float64[:,:,::1], float64[::1], float64[::1])", disjoint=True)
 def _level_side(row: Float, feed: float, terms: Float, arc: Float, level: Float, out: Float) -> None:
     """Add the wrench of one level whose chip is ``feed sin(phi) sin(kappa)``."""
     sin_k, cos_k, radius, z0, runout = level[0], level[1], level[3], level[4], level[level.size - 1]
@@ -166,7 +166,10 @@ def _level_side(row: Float, feed: float, terms: Float, arc: Float, level: Float,
         out[5] += radius * kc * d1
 
 
-@kernel("float64(float64[::1], float64, float64, float64[:,::1], float64[:,:,::1], float64[::1], float64[::1])")
+@kernel(
+    "float64(float64[::1], float64, float64, float64[:,::1], float64[:,:,::1], float64[::1], float64[::1])",
+    disjoint=True,
+)
 def _inclined_side(row: Float, feed: float, drop: float, terms: Float, arc: Float, level: Float, out: Float) -> float:
     """Add the wrench of one level of a corner on a slope, chip ``feed sin(phi) sin(kappa) + drop cos(kappa)``."""
     # Returns the horizontal area over which it cuts by descending.
@@ -250,7 +253,8 @@ def _end_face(area: float, drop: float, terms: Float, levels: Float, out: Float)
 
 
 @kernel(
-    "void(float64[:,::1], float64, float64, float64, float64[:,::1], float64[:,:,::1], float64[:,::1], float64[::1])"
+    "void(float64[:,::1], float64, float64, float64, float64[:,::1], float64[:,:,::1], float64[:,::1], float64[::1])",
+    disjoint=True,
 )
 def mean_wrench(
     depth: Float, feed_m: float, drop_m: float, end_area_m2: float, terms: Float, arc: Float, levels: Float, out: Float

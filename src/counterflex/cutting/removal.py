@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from counterflex.core.arrays import Bool, Float, Float32, Int, as_float
+from counterflex.core.arrays import Float, Float32, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.core.progress import Progress, silent
@@ -64,12 +65,12 @@ def stamp_workspace(cutter: Cutter, longest: int = 1) -> Workspace:
 def _scratch(longest: int) -> Scratch:
     return Scratch(
         lane=np.empty(2 * SIDE, np.float32),
-        bit=np.empty(LANES, np.int32),
+        bit=(1 << np.arange(LANES)).astype(np.int32),
         hits=np.empty(ROWS, np.int32),
         out=np.zeros(OUT, np.float32),
         minimiser=np.empty(NODES + 2, np.float32),
         stations=np.empty(longest + 1),
-        event=np.empty((4, EVENTS), np.float32),
+        event=np.empty((7, EVENTS), np.float32),
         code=np.empty((6, EVENTS), np.int32),
     )
 
@@ -124,7 +125,8 @@ class RemovalResult:
 
 @kernel(
     "int64(int64[:, :, :, ::1], float64[::1], float64, float64[::1], float64[::1], uint16[::1], "
-    "float32[::1], int64[::1], int64[::1])",
+    "float32[::1], int64[::1], int64[::1], int64)",
+    waits=True,
     entry=True,
 )
 def compress(
@@ -137,10 +139,11 @@ def compress(
     depth: Float32,
     offsets: Int,
     side: Int,
+    first: int,
 ) -> int:
     """Sum the workers' books into depths, append the non-zero ones, clear the books; returns the number of entries.
 
-    side (n,) receives the quanta booked to each segment.
+    The n segments are those from ``first`` on in the books. side (n,) receives the quanta booked to each.
     """
     workers, _, levels, bins = booked.shape
     n = len(length)
@@ -148,9 +151,9 @@ def compress(
     for i in range(n):
         side[i] = 0
         for level in range(levels):
-            sums = booked[0, i, level]
+            sums = booked[0, first + i, level]
             for worker in range(1, workers):
-                other = booked[worker, i, level]
+                other = booked[worker, first + i, level]
                 for j in range(sums.size):
                     sums[j] += other[j]
                     other[j] = 0
@@ -193,21 +196,30 @@ def runs_of(p_part_tcp: Float, kind: Int, cutter: Cutter) -> Int:
     return np.stack([first, np.diff(np.append(first, n))], axis=1).astype(np.int64)
 
 
-_Part: TypeAlias = tuple[StockGrid, Float, Int, Float, bool, Bool]
-"""The first arguments of :func:`stamp_runs`, the same for all workers."""
-
-
-def _stamp(part: _Part, booked: Int, totals: Int, scratch: list[Scratch]) -> None:
-    """Let each worker, one thread with scratch arrays of its own, cut its share of every segment."""
+def _in_threads(work: Callable[..., Any], shares: list[tuple[Any, ...]]) -> list[Any]:
+    """Call a kernel with the arguments of each share, each in a thread of its own."""
     # No prange: its threads spin between two calls, which took a quarter of the processor time of a ball's path.
-    workers = len(scratch)
-    if workers == 1:
-        stamp_runs(*part, booked[0], totals[0], 0, 1, scratch[0])
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        jobs = [pool.submit(stamp_runs, *part, booked[k], totals[k], k, workers, scratch[k]) for k in range(workers)]
-        for job in jobs:
-            job.result()
+    if len(shares) == 1:
+        return [work(*shares[0])]
+    with ThreadPoolExecutor(len(shares)) as pool:
+        return list(pool.map(work, *zip(*shares, strict=True)))
+
+
+def _sparse(
+    booked: Int, length: Float, unit: float, cutter: Cutter, side: Int, room: tuple[UInt16, Float32]
+) -> Engagement:
+    """Sum and clear the workers' books, each worker those of its share of the segments; see :func:`compress`."""
+    (workers, _, levels, bins), n = booked.shape, len(length)
+    ends = np.linspace(0, n, workers + 1).astype(int)
+    offsets = [np.zeros(b - a + 1, np.int64) for a, b in itertools.pairwise(ends)]
+    cell, depth = ([array[k * levels * bins :] for k in ends[:-1]] for array in room)
+    used = _in_threads(compress, [
+        (booked, length[a:b], unit, cutter.level_radii(), unit_widths(), cell[k], depth[k], offsets[k], side[a:b], a)
+        for k, (a, b) in enumerate(itertools.pairwise(ends))
+    ])  # fmt: skip
+    counts = np.concatenate([[0], *map(np.diff, offsets)])
+    kept = (np.concatenate([array[:n] for array, n in zip(arrays, used, strict=True)]) for arrays in (cell, depth))
+    return Engagement(levels, np.cumsum(counts), *kept)
 
 
 def remove_segments(
@@ -246,12 +258,11 @@ def remove_segments(
     per_chunk = max(256, CHUNK_BYTES // (8 * BINS * levels)) if engagement else 65536
     unit = QUANTUM_M * stock.cell_m**2
     grid = grid_of(stock)
-    radii, widths = cutter.level_radii(), unit_widths()
-    room = per_chunk + int(runs[:, 1].max())  # a run is never divided: the last one of a chunk reaches beyond it
-    booked = np.zeros((threads, room, levels if engagement else 0, BINS), np.int64)
-    cell = np.empty(room * levels * BINS if engagement else 0, np.uint16)
-    depth = np.empty(len(cell), np.float32)
-    scratch = [_scratch(int(runs[:, 1].max())) for _ in range(threads)]
+    longest = int(runs[:, 1].max())
+    # a run is never divided: the last one of a chunk reaches beyond it
+    booked = np.zeros((threads, per_chunk + longest, levels if engagement else 0, BINS), np.int64)
+    room = np.empty(booked[0].size, np.uint16), np.empty(booked[0].size, np.float32)
+    scratch = [_scratch(longest) for _ in range(threads)]
     at = 0
     while at < len(runs):
         first = int(runs[at, 0])
@@ -262,14 +273,13 @@ def remove_segments(
         chunk = runs[at:stop] - np.array([first, 0])
         totals = np.zeros((threads, count, 4), np.int64)
         part = grid, path[first : last + 1], chunk, shape, first > 0, book[first:last]
-        _stamp(part, booked, totals, scratch)
+        # Each worker cuts its share of every segment, with scratch arrays of its own.
+        _in_threads(stamp_runs, [(*part, booked[k], totals[k], k, threads, scratch[k]) for k in range(threads)])
         sums = totals.sum(axis=0)
         side = np.zeros(count, np.int64)
         booked_engagement = None
         if engagement:
-            offsets = np.zeros(count + 1, np.int64)
-            used = compress(booked, length[first:last], unit, radii, widths, cell, depth, offsets, side)
-            booked_engagement = Engagement(levels, offsets, cell[:used].copy(), depth[:used].copy())
+            booked_engagement = _sparse(booked, length[first:last], unit, cutter, side, room)
         quanta = sums[:, VOLUME] + sums[:, BOTTOM] + side  # whole numbers: the same for any number of threads
         volume = quanta * unit
         yield (

@@ -42,6 +42,8 @@ from counterflex.cutting.envelope_kernels import (
 from counterflex.cutting.kernel_arrays import GRID, SCRATCH, Scratch, StockGrid, Workspace
 
 _STEEP: Final = 1.0e6
+EIGHT: Final = 8
+"""Blocks of a row that are looked at together whether one of them is above the cutter's lowest point."""
 
 
 @kernel()
@@ -92,8 +94,6 @@ def stamp_rows(
     sin_theta = slope / math.sqrt(1.0 + slope * slope)
     if not (flat or ball) and slope != 0.0:
         fill_minimiser(minimiser, radius, corner, slope)
-    for k in range(LANES):
-        bit[k] = np.int32(1 << k)
     for k in range(SIDE):
         lane[k] = np.float32(k * cell * ux)
         lane[SIDE + k] = np.float32(-k * cell * uy)
@@ -119,6 +119,11 @@ def stamp_rows(
     diagonal = math.hypot(half_x, half_y)
     reach = half_x * abs(ux) + half_y * abs(uy)
     width = half_x * abs(uy) + half_y * abs(ux)
+    inner, r2, corner2 = radius - corner, radius * radius, corner * corner
+    # To spare: no block is skipped that rounding in its cells would lower.
+    spare = 1e-3 * cell
+    # A cell cut by a flat end on the level has the rounded height, which may lie above the height.
+    limit = float(np.float32(low)) if flat and slope == 0.0 else low
     for block_row in range(row_low, row_high, workers):
         j_low = block_row * ROWS
         j_high = min(j_low + ROWS, ny)
@@ -132,9 +137,18 @@ def stamp_rows(
         block_high = min(tops.shape[1], math.floor((x_right - x0) / cell / LANES) + 1)
         if block_high == tops.shape[1] - 1:
             block_high = tops.shape[1]  # the last column of blocks overlaps the one before
-        for block in range(block_low, block_high):
+        block = block_low - 1
+        while block + 1 < block_high:
+            block += 1
+            if block + EIGHT <= block_high:
+                above = False
+                for k in range(EIGHT):
+                    above |= tops[block_row, block + k] > limit
+                if not above:
+                    block += EIGHT - 1
+                    continue
             top = tops[block_row, block]
-            if top <= low:
+            if top <= limit:
                 continue
             i_low = min(block * LANES, nx - LANES)
             x_mid = x0 + cell * i_low + half_x
@@ -143,12 +157,20 @@ def stamp_rows(
             w_mid = dy * ux - dx * uy
             if s_mid + reach <= reach_back or abs(w_mid) - width >= radius:
                 continue
-            beyond = s_mid - min(max(s_mid, 0.0), length)
-            distance = math.sqrt(beyond * beyond + w_mid * w_mid) - diagonal
-            if distance >= radius:
+            # The nearest cell lies no nearer than the circle about the block, nor than the rectangle along the feed.
+            beyond = max(0.0, max(-s_mid, s_mid - length))
+            away = math.sqrt(beyond * beyond + w_mid * w_mid) - diagonal
+            along, aside = max(0.0, beyond - reach - spare), max(0.0, abs(w_mid) - width - spare)
+            rho2 = along * along + aside * aside
+            if away >= radius or rho2 >= r2:
                 continue
-            if not flat and top <= low + height_under(max(0.0, distance), radius, corner):
-                continue
+            if not flat:
+                under = low + corner - spare - top  # height of the centre of the corner above the highest cell
+                over = max(0.0, math.sqrt(rho2) - inner)
+                if under >= 0.0 and corner2 - over * over <= under * under:
+                    continue
+                if top <= low + height_under(max(0.0, away), radius, corner):
+                    continue
             s_first = s_mid - half_x * ux - half_y * uy
             w_first = w_mid + half_x * uy - half_y * ux
             totals[0, VISITED] += (j_high - j_low) * LANES

@@ -118,7 +118,7 @@ def rest(motion: MotionArrays, row: int) -> None:
     motion.clock[1] = 1.0
 
 
-@kernel("void(Motion, int64)", Motion=MOTION)
+@kernel("void(Motion, int64)", disjoint=True, Motion=MOTION)
 def _shake(motion: MotionArrays, row: int) -> None:
     """Change the programmed speed towards that of the step, by what the controller can, and all rates against it."""
     h, J, due = motion.step_s, motion.J_tcp_part[motion.place[row]], motion.pushed
@@ -142,7 +142,7 @@ def _shake(motion: MotionArrays, row: int) -> None:
             motion.rate[a] -= change
 
 
-@kernel("void(Motion, int64)", Motion=MOTION)
+@kernel("void(Motion, int64)", disjoint=True, Motion=MOTION)
 def _push_back(motion: MotionArrays, row: int) -> None:
     """Add to the rates at the end of the step what the thrust of the end face does meanwhile."""
     n, h, thrust, pushed = motion.x.shape[0], motion.step_s, motion.thrust, motion.pushed
@@ -168,7 +168,7 @@ def _push_back(motion: MotionArrays, row: int) -> None:
         motion.fresh[i] += pushed[i] * force
 
 
-@kernel("void(Motion, int64, float64, float64[::1], float64[::1])", Motion=MOTION)
+@kernel("void(Motion, int64, float64, float64[::1], float64[::1])", disjoint=True, Motion=MOTION)
 def advance(motion: MotionArrays, row: int, until_s: float, wrench: Float, out: Float) -> None:
     """Advance within the row that ends at ``row`` and give the tool's deviation from the programmed path.
 

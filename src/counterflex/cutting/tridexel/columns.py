@@ -310,7 +310,7 @@ def remove_turning(
         offsets = np.zeros(last - first + 1, np.int64)
         free = np.maximum(length[first:last], 1e-12)
         removal.compress(
-            booked, free, unit, cutter.level_radii(), removal.unit_widths(), cell, depth, offsets, side[first:last]
+            booked, free, unit, cutter.level_radii(), removal.unit_widths(), cell, depth, offsets, side[first:last], 0
         )
         parts.append((np.diff(offsets), depth, cell))
     quanta = totals[:, VOLUME] + totals[:, BOTTOM] + side
