@@ -1,7 +1,8 @@
 """Values of RS274/NGC: numbers, parameters and bracketed expressions, parsed once and evaluated at each execution.
 
 Precedence, from tight to loose: ``**``; ``* / MOD``; ``+ -``; ``EQ NE GT GE LT LE``; ``AND OR XOR``; all of them
-left-associative. Angles of functions are in degrees. Source: LinuxCNC, G-code overview, "Expressions".
+left-associative. Angles of functions are in degrees. Source: LinuxCNC, G-code overview, "Expressions"; Haas, Mill
+Operator's Manual, "Macros", and FANUC Series 30i, Operator's Manual, "Arithmetic and logic operation", for theirs.
 """
 
 from __future__ import annotations
@@ -21,6 +22,10 @@ _DEEPEST: Final = 60
 
 class ParameterSource(Protocol):
     """Source of parameters in expressions."""
+
+    @property
+    def of_fanuc(self) -> bool:
+        """Return whether Fanuc or Haas calculates: FIX and FUP go by size, AND, OR and XOR work on bits."""
 
     def numbered(self, index: float, column: int) -> float:
         """Value of ``#index``."""
@@ -113,6 +118,8 @@ class FunctionCall:
     def evaluate(self, source: ParameterSource) -> float:
         """Return the function's value."""
         value = self.argument.evaluate(source)
+        if value < 0.0 and source.of_fanuc and self.name in ("fix", "fup"):
+            return -_FUNCTIONS[self.name](-value)
         try:
             return _FUNCTIONS[self.name](value)
         except (ValueError, OverflowError) as fault:
@@ -149,6 +156,11 @@ class BinaryOperation:
                 vacant = source.vacant(other.index.evaluate(source), other.column)
                 return float(vacant == (self.operator == "eq"))
         left, right = self.left.evaluate(source), self.right.evaluate(source)
+        if self.operator in _LOGIC and source.of_fanuc and not {left, right} <= {0.0, 1.0}:
+            raise source.fault(
+                "Fanuc and Haas combine the bits of these numbers, LinuxCNC asks whether they are 0", self.column,
+                f"{left:g} {self.operator.upper()} {right:g}", "Compare each number: [#1 NE 0] AND [#2 NE 0]",
+            )  # fmt: skip
         try:
             value = _OPERATORS[self.operator](left, right)
         except ZeroDivisionError as fault:
@@ -209,6 +221,7 @@ _PRECEDENCE: Final = {
     "**": 5, "*": 4, "/": 4, "mod": 4, "+": 3, "-": 3,
     "eq": 2, "ne": 2, "gt": 2, "ge": 2, "lt": 2, "le": 2, "and": 1, "or": 1, "xor": 1,
 }  # fmt: skip
+_LOGIC: Final = ("and", "or", "xor")
 _FUNCTIONS: Final[dict[str, Callable[[float], float]]] = {
     "abs": abs,
     "acos": lambda value: math.acos(value) / DEG,

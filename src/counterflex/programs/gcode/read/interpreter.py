@@ -251,7 +251,7 @@ class Interpreter(FlowRunner):
                     self._percent_line(source, index)
                 self._append_block(source, index, text, (), self._modal, first, False)
                 return None
-            words = self._evaluate(scanned)
+            words = self._evaluate(scanned, text)
             if scanned.flow is not None:
                 self._append_block(source, index, text, words, self._modal, first, False)
                 return self._jump(source, index, scanned.flow)
@@ -281,8 +281,14 @@ class Interpreter(FlowRunner):
             column = source.lines[index].index("%")
             raise self._fault("a % in a program that does not begin with one", column, "%")
 
-    def _evaluate(self, scanned: ScannedLine) -> tuple[Word, ...]:
+    def _evaluate(self, scanned: ScannedLine, text: str = "") -> tuple[Word, ...]:
         """Evaluate words, then let assignments take effect."""
+        for word in scanned.words if self._state.of_fanuc and "ROUND" in text.upper() else ():
+            if "ROUND" in text[word.start : word.end].upper():
+                raise self._fault(
+                    "ROUND in a word rounds to the least increment on Fanuc and Haas, to a whole number elsewhere",
+                    word.start, text[word.start : word.end], "Write the number itself, or set a parameter to it before",
+                )  # fmt: skip
         words = tuple(
             Word(word.letter, word.value, word.start, word.end)
             if word.value is not None
