@@ -146,21 +146,25 @@ class DTrackLines:
             return None
         if self._time_ns is None:
             raise FileFormatError("a pose before the first time stamp", where=where, hint="Switch the output of ts on")
-        sizes = [2, 6, 9] if word == "6d" else [2, 3]
-        if [len(block) for block in blocks] != sizes * -(-len(blocks) // len(sizes)):
-            raise FileFormatError("blocks of a target", where=where, value=rest[:60], limit=f"{sizes} numbers")
-        self._target = self._target or blocks[0][0]
-        while blocks[0][0] != self._target:
-            blocks = blocks[len(sizes) :]
-            if not blocks:
-                return None
-        values = [np.array([number(text, where) for text in block]) for block in blocks[: len(sizes)]]
+        own = self._own(blocks, [2, 6, 9] if word == "6d" else [2, 3], where)
+        if not own:
+            return None
+        values = [np.array([number(text, where) for text in block]) for block in own]
         seen = values[0][1] >= 0.0
         R = _rotation(values[2].reshape(3, 3).T, rest, where) if word == "6d" and seen else np.eye(3)
         status = (0 if word == "6d" else NO_ORIENTATION) | (0 if seen else BEAM_BROKEN)
         frame_id = int(values[0][0])
         T = pose.make(R, values[1][:3] * MM)
         return TrackerPose(sequence & 0xFFFFFFFF, self._time_ns, status, frame_id, T, 0.0)
+
+    def _own(self, blocks: list[list[str]], sizes: list[int], where: str) -> list[list[str]]:
+        """Blocks of the target that came first; none where it is hidden."""
+        count = len(sizes)
+        if [len(block) for block in blocks] != sizes * -(-len(blocks) // count):
+            raise FileFormatError("blocks of a target", where=where, value=str(blocks)[:60], limit=f"{sizes} numbers")
+        self._target = self._target or blocks[0][0]
+        targets = (blocks[at : at + count] for at in range(0, len(blocks), count))
+        return next((target for target in targets if target[0][0] == self._target), [])
 
 
 def _rotation(R: Float, text: str, where: str) -> Float:

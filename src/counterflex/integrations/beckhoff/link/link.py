@@ -10,7 +10,6 @@ import contextlib
 import importlib
 import math
 import socket
-import struct
 import sys
 import threading
 import time
@@ -138,14 +137,14 @@ class AdsLink:
         with self._explained(
             f"the symbol '{one.symbol}' cannot be found", hint="counterflex ads list shows what is there"
         ):
-            found = self._connection.get_symbol(one.symbol)
-            kind = str(found.symbol_type).strip("\0 ")
+            entry = self._connection.get_symbol(one.symbol)
+            kind = str(entry.symbol_type).strip("\0 ")
         if kind not in ads.TYPES:
             raise OutputError(
                 f"the symbol '{one.symbol}' is no number", where=self._where, value=kind, limit=", ".join(ads.TYPES)
             )
         self.kinds[one.name] = kind
-        self._places[one.name] = found.index_group, found.index_offset, struct.calcsize("<" + ads.TYPES[kind][1])
+        self._places[one.name] = entry.index_group, entry.index_offset, len(ads.pack(kind, 0.0))
 
     def device_symbols(self) -> list[DeviceSymbol]:
         """Everything that the device has.
@@ -186,7 +185,7 @@ class AdsLink:
         for *_, size in places:
             parts.append(answer[at : at + size])
             at += size
-        codes = struct.unpack_from(f"<{len(places)}I", answer)
+        codes = [int.from_bytes(answer[4 * k : 4 * k + 4], "little") for k in range(len(places))]
         if self._version is not None and (codes[-1] or parts[-1][0] != self._version):
             raise OutputError(
                 "the program of the PLC has changed since this connection began", where=self._where,

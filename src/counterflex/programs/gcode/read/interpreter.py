@@ -243,9 +243,8 @@ class Interpreter(FlowRunner):
     ) -> Place | None:
         """Execute a line; the place to go on at where that is not the next line."""
         first = len(self._maker.motions)
-        if scanned is None:
-            words = literal
-        else:
+        words = literal
+        if scanned is not None:
             if scanned.percent or (scanned.block_delete and self._block_delete):
                 if scanned.percent:
                     self._percent_line(source, index)
@@ -284,11 +283,9 @@ class Interpreter(FlowRunner):
     def _evaluate(self, scanned: ScannedLine, text: str = "") -> tuple[Word, ...]:
         """Evaluate words, then let assignments take effect."""
         for word in scanned.words if self._state.of_fanuc and "ROUND" in text.upper() else ():
-            if "ROUND" in text[word.start : word.end].upper():
-                raise self._fault(
-                    "ROUND in a word rounds to the least increment on Fanuc and Haas, to a whole number elsewhere",
-                    word.start, text[word.start : word.end], "Write the number itself, or set a parameter to it before",
-                )  # fmt: skip
+            if "ROUND" in (shown := text[word.start : word.end]).upper():
+                what = "ROUND in a word rounds to the least increment on Fanuc and Haas, to a whole number elsewhere"
+                raise self._fault(what, word.start, shown, "Write the number, or set a parameter to it before")
         words = tuple(
             Word(word.letter, word.value, word.start, word.end)
             if word.value is not None
@@ -303,8 +300,8 @@ class Interpreter(FlowRunner):
             if isinstance(target, NamedParameter):
                 self._parameters.set_named(target.name, value, assignment.column)
             else:
-                index = self._value(target.index, "the number of a parameter")
-                self._parameters.set_numbered(index, value, assignment.column)
+                number = self._value(target.index, "the number of a parameter")
+                self._parameters.set_numbered(number, value, assignment.column)
         return words
 
     def _places(self, block: BlockWords, special: int | None) -> bool:
