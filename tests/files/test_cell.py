@@ -286,3 +286,31 @@ def test_body_names(tmp_path: Path) -> None:
     content["end_effector"][0]["name"] = "axis3"
     with pytest.raises(FileFormatError, match="end_effector: .*name of a segment of the robot; got axis3"):
         read_cell(_written(tmp_path, content))
+
+
+KIENZLE = {"kc11_n_mm2": 780.0, "mc": 0.25, "kr_over_kc": 0.35, "ka_over_kc": 0.15}
+CATALOG = {"catalog": "en-aw-7075-carbide-190"}
+
+
+@pytest.mark.parametrize(("table", "more", "said"), [
+    (KIENZLE, {"ktc_n_mm2": 900.0}, "the kienzle law reads other keys: remove ktc_n_mm2"),
+    ({"law": "linear_edge", "ktc_n_mm2": 900.0, "krc_n_mm2": 300.0}, {"edge_c_n_mm": 8.0}, "remove edge_c_n_mm"),
+    (CATALOG, {"edge_c_n_mm": 8.0}, "a catalog material brings its own constants: remove edge_c_n_mm"),
+    (CATALOG, {"chip_max_um": 50.0}, "remove chip_max_um"), (CATALOG, {"law": "linear_edge"}, "remove law"),
+])  # fmt: skip
+def test_a_key_of_the_material_that_nothing_reads_is_refused(
+    tmp_path: Path, table: dict[str, object], more: dict[str, object], said: str
+) -> None:
+    content = data()
+    content["material"] = table
+    read_cell(_written(tmp_path, content))
+    content["material"] = table | more
+    with pytest.raises(FileFormatError, match=said):
+        read_cell(_written(tmp_path, content))
+
+
+def test_a_tip_of_no_urdf_is_refused(tmp_path: Path) -> None:
+    content = data()
+    content["robot"]["urdf_tip"] = "tool0"
+    with pytest.raises(FileFormatError, match="urdf_tip names a link of urdf; the robot comes from catalog"):
+        read_cell(_written(tmp_path, content))

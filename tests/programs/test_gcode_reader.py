@@ -288,3 +288,58 @@ def test_k_repeats_a_cycle_as_l_does() -> None:
 def test_what_stands_where_a_letter_must_be_is_named(word: str, reason: str) -> None:
     with pytest.raises(ProgramError, match=reason):
         read_gcode(f"G21 G90 G0 X0 Y0 Z5\nG1 {word} F60\nM30\n")
+
+
+FANUC_ROW = "%\nO0007\nG21 G90 G0 X0 Y0 Z20\n{}G81 X0 Y0 Z-5 R2 F100\nG91 X10 {}\nG90 G80\nM30\n%\n"
+
+
+def heights_mm(text: str) -> list[float]:
+    return [end[2] for end in ends_mm(read_gcode(text))[1:]]
+
+
+@pytest.mark.parametrize(
+    "text", [FANUC_ROW.format("G99 ", "L2"), FANUC_ROW.format("G99 ", "K2").replace("O0007\n", "")]
+)
+def test_a_row_of_holes_of_fanuc_keeps_the_heights_of_g90(text: str) -> None:
+    """Haas, Mill Operator's Manual, "Looping canned cycles": Z and R stay where they were, X counts on."""
+    assert heights_mm(text) == [20, 2, -5, 2, 2, -5, 2, 2, -5, 2]
+    assert ends_mm(read_gcode(text))[-1][0] == 20.0
+
+
+def test_linuxcnc_counts_the_same_heights_by_the_mode_in_force() -> None:
+    """R 2 above the initial height of 20, Z 5 below R."""
+    text = FANUC_ROW.format("G99 ", "L2").replace("O0007\n", "")
+    assert heights_mm(text)[4:] == [22, 22, 17, 22, 22, 17, 22]
+
+
+def test_fanuc_begins_with_the_return_to_the_initial_height() -> None:
+    """G98 is in force at the start of Fanuc and Haas, G99 of LinuxCNC."""
+    assert heights_mm(FANUC_ROW.format("", "L1"))[3:5] == [20.0, 20.0]
+    assert heights_mm(FANUC_ROW.format("", "L1").replace("O0007\n", ""))[3] == 2.0
+
+
+def test_heights_of_g91_are_not_taken_over_under_g90() -> None:
+    text = "%\nO0007\nG21 G90 G0 X0 Y0 Z20\nG91 G81 X5 Z-11 R-15 F100\nG90 X9\nM30\n%\n"
+    with pytest.raises(ProgramError, match=r"5:1: G81 under G90 takes over a height of G91.*got R-15"):
+        read_gcode(text)
+
+
+@pytest.mark.parametrize(
+    ("value", "fanuc", "linuxcnc"), [("FIX[-1.2]", -1, -2), ("FUP[-1.2]", -2, -1), ("FIX[1.8]", 1, 1)]
+)
+def test_fanuc_cuts_fractions_off_by_size(value: str, fanuc: float, linuxcnc: float) -> None:
+    """FANUC Series 30i, Operator's Manual, "Arithmetic and logic operation", rounding up and down of -1.2."""
+    text = "{}G21 G90 G0 X0 Y0 Z5\n#1=" + value + "\nG1 X#1 F60\nM30\n"
+    assert ends_mm(read_gcode(text.format("%\nO1\n") + "%\n"))[-1][0] == fanuc
+    assert ends_mm(read_gcode(text.format("")))[-1][0] == linuxcnc
+
+
+@pytest.mark.parametrize(("line", "reason"), [
+    ("#1=6 AND 3", "combine the bits of these numbers.*got 6 AND 3"), ("#1=5 OR 2", "got 5 OR 2"),
+    ("G1 X[ROUND[1.00333]+1] F60", r"4:4: ROUND in a word.*got X\[ROUND"),
+])  # fmt: skip
+def test_arithmetic_in_which_controllers_differ_is_refused_in_programs_of_fanuc(line: str, reason: str) -> None:
+    """Haas, Mill Operator's Manual, "Macros": AND and OR work on bits; ROUND in an address keeps the precision."""
+    with pytest.raises(ProgramError, match=reason):
+        read_gcode(f"%\nO1\nG21 G90 G0 X0 Y0 Z5\n{line}\nM30\n%\n")
+    read_gcode("%\nO1\nG21 G90 G0 X0 Y0 Z5\n#1=[1 EQ 1] AND [2 EQ 2]\n#2=ROUND[#1]\nM30\n%\n")

@@ -157,6 +157,12 @@ def test_feed_of_an_inch_program() -> None:
     assert [m.feed_m_s for m in other.motions] == pytest.approx([INCH])
 
 
+def test_a_feed_stays_behind_another_unit() -> None:
+    """SINUMERIK 828D, Function Manual, G2: F must be programmed again to count in the new unit."""
+    program = read_sinumerik("G700 G90\nG1 X1 F10\nG710 X30\nX40 F10\nG700 X2\nG71 X50\n")
+    assert [m.feed_m_s / MM_PER_MIN for m in program.motions] == pytest.approx([254.0, 254.0, 10.0, 10.0, 10.0])
+
+
 def test_tool_vectors_and_rotary_words() -> None:
     text = "G90 TRAORI\nG0 X0 Y0 Z9 A3=0 B3=0 C3=1\nG1 X5 A3=0.1 C3=1 F900\nX6\nTRAFOOF\nG0 Z50"
     program = read_sinumerik(text)

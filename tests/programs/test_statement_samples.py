@@ -32,7 +32,7 @@ GROOVES = {"linuxcnc": "groove.ngc", "sinumerik": "groove.mpf", "apt": "groove.a
 HOSTS = {
     "linuxcnc": (
         "G21 G90 G17 G54\nT1 M6\nG43 H1\nM3 S9000\nG0 X0 Y0 Z5\nG1 Z-1 F300\nG91\nG1 X3\nG90\nG2 X8 Y5 I0 J5\n"
-        "G0 Z5\nG81 X1 Y1 Z-2 R2\nX4\nG80\nG16\nG0 X10 Y30\nG15\n"
+        "G0 Z5\nG99 G81 X1 Y1 Z-2 R2\nX4\nG80\nG16\nG0 X10 Y30\nG15\n"
         "G68 X0 Y0 R30\nG0 X1 Y2\nG3 X3 Y2 R1\nG69\nG0 X0 Y0\nM2\n"
     ),
     "sinumerik": (

@@ -67,6 +67,33 @@ def test_published_line_of_dtrack() -> None:
     assert measured.T_tracker_target[:3, 3] / MM == pytest.approx([261.103, 116.520, 41.085])
 
 
+def test_no_other_target_of_dtrack_takes_the_place_of_a_hidden_one() -> None:
+    """Manual of DTrack2, B.2.3: a line holds all *tracked* bodies; a marker (3d) is another target, too."""
+    turned = "[1 0 0 0 1 0 0 0 1]"
+    lines = (
+        "ts 1.0", f"6d 2 [3 1.000][1 2 3 0 0 0]{turned}[7 1.000][9 9 9 0 0 0]{turned}", "3d 1 [1 1.000][5 5 5]",
+        "ts 1.1", f"6d 1 [7 1.000][9 9 9 0 0 0]{turned}",
+        "ts 1.2", f"6d 2 [7 1.000][9 9 9 0 0 0]{turned}[3 1.000][2 2 3 0 0 0]{turned}",
+    )  # fmt: skip
+    reader = DTrackLines("a")
+    found = [one for line in lines if (one := reader.measured(line)) is not None]
+    assert [(one.frame_id, one.time_ns, round(float(one.T_tracker_target[0, 3] / MM))) for one in found] == [
+        (3, 1_000_000_000, 1),
+        (3, 1_200_000_000, 2),
+    ]
+
+
+@pytest.mark.parametrize("line", ["P, 1.0, 2.0, 3.0, 0.5, 0.5", "A, B, P, 1, 2, 3, 0, 0", "P 1.0 2.0 3.0 0.5 0.5 0.5"])
+def test_offsets_behind_a_point_are_not_taken_for_its_coordinates(line: str) -> None:
+    reader = FORMATS["spatial-analyzer"][0]("a")
+    reader.measured("// AXES = CARTESIAN: X, Y, Z (mm)")
+    assert reader.measured("A, B, 12, 1.0, 2.0, 3.0,") is not None
+    with pytest.raises(FileFormatError, match="more numbers than three coordinates"):
+        reader.measured(line)
+    with pytest.raises(FileFormatError, match="other axes; got X, Z, Y; expected X, Y, Z"):
+        reader.measured("// AXES = CARTESIAN: X, Z, Y (mm)")
+
+
 def test_stamps() -> None:
     second = 10**9
     assert stamp_ns("16:56:08.25", "") == (16 * 3600 + 56 * 60 + 8) * second + second // 4

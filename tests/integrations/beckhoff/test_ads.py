@@ -103,6 +103,38 @@ def test_what_is_written_is_what_the_plc_holds(plc: AdsServer, kind: str, value:
     connection.close()
 
 
+def test_an_answer_that_is_too_short_is_an_error_and_no_zero(plc: AdsServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    connection = link(plc, AdsSymbol("a", "LREAL"), AdsSymbol("b", "INT"))
+    whole = plc._read_write
+    monkeypatch.setattr(plc, "_read_write", lambda *given: whole(*given)[:-2])
+    with pytest.raises(OutputError, match=r"the symbols cannot be read: Insufficient data \(expected 23 bytes, 21"):
+        connection.read()
+    connection.close()
+
+
+def test_places_of_another_program_of_the_plc_are_not_read(plc: AdsServer) -> None:
+    """Beckhoff, TC3 ADS: an online change moves variables; the version of the symbols changes with it."""
+    connection = link(plc, AdsSymbol("a", "LREAL"))
+    assert connection.read() == {"a": 1.0}
+    plc.version = 2
+    with pytest.raises(OutputError, match=r"program of the PLC has changed.*got version 2 of its symbols; expected 1"):
+        connection.read()
+    connection.close()
+
+
+def test_a_device_without_versions_of_its_symbols_is_read(plc: AdsServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = plc._read
+
+    def without(group: int, offset: int, length: int, frozen: bool, not_a_number: bool) -> bytes:
+        return whole(0x7777 if group == ads.SYMBOL_VERSION else group, offset, length, frozen, not_a_number)
+
+    monkeypatch.setattr(plc, "_read", without)
+    connection = link(plc, AdsSymbol("a", "LREAL"))
+    plc.version = 2
+    assert connection.read() == {"a": 1.0}
+    connection.close()
+
+
 def test_what_may_not_be_written_is_not(plc: AdsServer) -> None:
     connection = link(
         plc, AdsSymbol("a", "LREAL"), AdsSymbol("b", "INT", 1.0, True), AdsSymbol("c", "REAL", 1e-3, True, 0.0, 1e-2)
@@ -235,6 +267,12 @@ def test_a_parameter_is_written_and_read_back(cell: Path) -> None:
     with pytest.raises(InputError, match="got 51; expected 1 .. 50"):
         job.write(cell, "filter_hz", 51.0)
     assert [one.name for one in job.list_symbols(cell, "main")] == ["MAIN.fFeed", "MAIN.fFilter"]
+
+
+def test_a_parameter_that_the_plc_overwrites_is_an_error(cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(AdsServer, "_write", lambda *_: None)
+    with pytest.raises(OutputError, match=r"the TwinCAT does not keep 'filter_hz'; got [\d.]+; expected 12"):
+        job.write(cell, "filter_hz", 12.0)
 
 
 def test_the_tracker_of_a_twincat_reaches_the_loop_as_datagrams(cell: Path) -> None:

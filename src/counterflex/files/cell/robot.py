@@ -297,6 +297,8 @@ class RobotTable(Table):
             raise ValueError(f"a robot comes from exactly one of catalog, geometry, dh and urdf; got {result}")
         if self.catalog is not None and self.controller_axes is not None:
             raise ValueError("controller_axes is for a robot that the file describes; the catalogue has its own")
+        if self.urdf is None and self.urdf_tip is not None:
+            raise ValueError(f"urdf_tip names a link of urdf; the robot comes from {given[0]}")
         return self
 
 

@@ -44,11 +44,21 @@ _NEEDED: Final = {
     "kienzle": ("kc11_n_mm2", "mc", "kr_over_kc", "ka_over_kc"),
     "linear_edge": ("ktc_n_mm2", "krc_n_mm2"),
 }
-_LAW_KEYS: Final = (
-    *("kc11_n_mm2", "mc", "kr_over_kc", "mr", "ka_over_kc", "ma"),
-    *("ktc_n_mm2", "krc_n_mm2", "kac_n_mm2", "kte_n_mm", "kre_n_mm", "kae_n_mm"),
-)
-"""Keys of our own force laws, besides the edge forces of Kienzle's."""
+_READ: Final = {
+    "kienzle": (
+        "edge_c_n_mm",
+        "edge_r_n_mm",
+        "edge_a_n_mm",
+        "kc11_n_mm2",
+        "mc",
+        "kr_over_kc",
+        "mr",
+        "ka_over_kc",
+        "ma",
+    ),
+    "linear_edge": ("ktc_n_mm2", "krc_n_mm2", "kac_n_mm2", "kte_n_mm", "kre_n_mm", "kae_n_mm"),
+}
+"""Keys of our own force laws."""
 
 
 class BodyTable(PoseTable, ComplianceTable):
@@ -179,17 +189,19 @@ class MaterialTable(Table):
 
     @model_validator(mode="after")
     def _complete(self) -> MaterialTable:
-        numbers = [
-            key
-            for key in ("kc11_n_mm2", "mc", "mr", "ma", "ktc_n_mm2", "krc_n_mm2", "kac_n_mm2", "kte_n_mm", "kre_n_mm")
-            if getattr(self, key) is not None
-        ]
+        read = {"catalog", "name", "source", "allow_extrapolation"}
         if self.catalog is not None:
-            if numbers:
-                raise ValueError(f"a catalog material brings its own constants: remove {numbers[0]}, or remove catalog")
+            what = "a catalog material brings its own constants: remove {}, or remove catalog"
+            read |= {"kr_over_kc", "ka_over_kc"}
+        else:
+            own = () if self._has_parameters else _READ[self.law]
+            what = f"the {self.law} law reads {'other keys' if own else '[material.parameters]'}: remove {{}}"
+            read |= {"law", "parameters", "chip_min_um", "chip_max_um", *own}
+        for key, field in type(self).model_fields.items():
+            if key not in read and getattr(self, key) != field.get_default(call_default_factory=True):
+                raise ValueError(what.format(key))
+        if self.catalog is not None:
             return self
-        if self._has_parameters and numbers:
-            raise ValueError(f"the {self.law} law reads [material.parameters]: remove {numbers[0]}")
         require_parameters(self.law, FORCE_LAWS[self.law], self.parameters)
         missing = [key for key in _NEEDED.get(self.law, ()) if getattr(self, key) is None]
         if missing:
@@ -205,8 +217,7 @@ class MaterialTable(Table):
         """The numbers of the force law by key, in the units that the keys name."""
         if self._has_parameters:
             return self.parameters
-        keys = (*(f"edge_{direction}_n_mm" for direction in "cra"), *_LAW_KEYS)
-        return {key: value for key in keys if (value := getattr(self, key)) is not None}
+        return {key: value for key in _READ[self.law] if (value := getattr(self, key)) is not None}
 
 
 class StockTable(Table):

@@ -114,14 +114,14 @@ class TrackerLines:
 
 
 def unit_length(quat_wxyz: Float, where: str) -> float:
-    """Length of a quat_wxyzernion as it is written.
+    """Length of a quaternion as it is written.
 
     Raises:
         FileFormatError: It is not 1.
     """
     size = math.hypot(*quat_wxyz.tolist())
     if abs(size - 1.0) > _UNIT:
-        raise FileFormatError("a quat_wxyzernion is not of unit length", where=where, value=size, limit=1)
+        raise FileFormatError("a quaternion is not of unit length", where=where, value=size, limit=1)
     return size
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from counterflex.app.plc import Plc
 from counterflex.core.arrays import Float
-from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.core.units import MS
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.links import HOLDER_TEMPERATURE, HOLDER_TIME, STRAIN, AdsTable, AdsTrackerTable, si_of
@@ -137,8 +137,13 @@ def write(cell: str | Path, name: str, value: float) -> dict[str, Any]:
     with connected(table) as link:
         factor = next((one.si for one in link.symbols if one.name == name), 1.0)
         before = link.read().get(name, math.nan)
-        link.write(name, value * factor)
+        written = link.write(name, value * factor)
         after = link.read()[name]
+    if after != written:
+        raise OutputError(
+            f"the TwinCAT does not keep '{name}'", where=table.host, value=_plain(after / factor),
+            limit=_plain(written / factor), hint="Does its program write the variable itself?",
+        )  # fmt: skip
     return {"job": "ads write", "name": name, "before": _plain(before / factor), "after": _plain(after / factor)}
 
 

@@ -75,6 +75,7 @@ class AdsServer:
         self._ams_port, self._clock, self._start = ams_port, clock, clock()
         self._lock = threading.Lock()
         self.requests = 0  # Taken so far
+        self.version = 1  # Of its symbols
         self.dead = False  # It never answers again
         self._ending = False
         self._threads: list[threading.Thread] = []
@@ -213,6 +214,8 @@ class AdsServer:
             return struct.pack("<IIIIII", len(entries), sum(map(len, entries)), 0, 0, 0, 0)[:length]
         if group == ads.UPLOAD:
             return b"".join(self._entries())[:length]
+        if group == ads.SYMBOL_VERSION:
+            return bytes([self.version])
         content = self._content(self._at(group, offset), frozen=frozen, not_a_number=not_a_number)
         if length < len(content):
             raise _AdsFault(ads.WRONG_SIZE)

@@ -36,6 +36,8 @@ _GAP: Final = r"(?:\s*,\s*|\s+)"
 _POINT: Final = re.compile(
     rf"(?:.*{_GAP})?{_NUMBER}{_GAP}{_NUMBER}{_GAP}{_NUMBER}(?:{_GAP}(\d+/\d+/\d+ \d+:\d+:\d+(?:\.\d+)?))?\s*,?\s*"
 )
+_DECIMAL: Final = re.compile(r"[-+]?(\d+\.\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
+_MOST_NAMES: Final = 3
 
 
 class SpatialAnalyzerLines:
@@ -77,6 +79,12 @@ class SpatialAnalyzerLines:
             raise FileFormatError(
                 "not a point of SpatialAnalyzer", where=where, value=text[:60], limit="names, x, y, z[, date time]"
             )
+        names = text[: match.start(1)]
+        if any(_DECIMAL.fullmatch(name) for name in re.split(_GAP, names)) or names.count(",") > _MOST_NAMES:
+            raise FileFormatError(
+                "more numbers than three coordinates", where=where, value=text[:60],
+                hint="Export without offsets and uncertainties",
+            )  # fmt: skip
         p = np.array([number(match[k], where) for k in (1, 2, 3)]) * self._unit
         time_ns = stamp_ns(match[4], where) if match[4] else 0
         return TrackerPose(sequence & 0xFFFFFFFF, time_ns, NO_ORIENTATION, 0, pose.make(p=p), 0.0)
@@ -87,6 +95,8 @@ class SpatialAnalyzerLines:
             raise FileFormatError(
                 "coordinates other than Cartesian ones", where=where, value=axes["kind"], limit="CARTESIAN"
             )
+        if axes["names"].upper().replace(",", " ").split() != ["X", "Y", "Z"]:
+            raise FileFormatError("other axes", where=where, value=axes["names"].strip(), limit="X, Y, Z")
         if not axes["unit"]:
             raise FileFormatError("the axes have no unit", where=where, limit=", ".join(UNITS["m"]))
         unit = axes["unit"].strip().lower()
@@ -95,8 +105,8 @@ class SpatialAnalyzerLines:
 
 # Recorded text output of ART DTrack2, an optical tracker of 6-D targets: lines ``fr``, ``ts``, ``6d``, ``3d``.
 # ``6d N [id qu][x y z eta theta phi][b0 .. b8]``: position in mm, rotation matrix by columns; qu = -1: not visible.
-# ``3d N [id qu][x y z]``: single markers. ``ts``: seconds since midnight UTC. Of each line the first
-# target counts.
+# ``3d N [id qu][x y z]``: single markers. ``ts``: seconds since midnight UTC. A line holds the targets that are seen:
+# the first one that came counts, and no other takes its place where it is hidden.
 #
 # Source: DTrack2 user manual, "Output of measurement data via Ethernet" (B.2).
 
@@ -110,6 +120,7 @@ class DTrackLines:
     def __init__(self, where: str) -> None:
         self._where, self._row = where, 0
         self._time_ns: int | None = None
+        self._word = self._target = ""
 
     @property
     def ready(self) -> bool:
@@ -117,7 +128,7 @@ class DTrackLines:
         return self._time_ns is not None
 
     def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:
-        """The pose of a line ``6d`` or ``3d``; None for the others.
+        """The pose of the target in a line ``6d`` or ``3d``; None for the others.
 
         Raises:
             FileFormatError: A pose before a time stamp, blocks that are missing, a matrix that is no rotation.
@@ -127,23 +138,33 @@ class DTrackLines:
         word, _, rest = line.lstrip("\ufeff").strip().partition(" ")
         if word == "ts":
             self._time_ns = round(number(rest, where) / NS)
-        if word not in ("6d", "3d"):
+        if word not in ("6d", "3d") or word != (self._word or word):
             return None
+        self._word = word
         blocks = [block.split() for block in _BLOCK.findall(rest)]
         if not blocks:
             return None
         if self._time_ns is None:
             raise FileFormatError("a pose before the first time stamp", where=where, hint="Switch the output of ts on")
-        sizes = [2, 6, 9] if word == "6d" else [2, 3]
-        if [len(block) for block in blocks[: len(sizes)]] != sizes:
-            raise FileFormatError("blocks of a target", where=where, value=rest[:60], limit=f"{sizes} numbers")
-        values = [np.array([number(text, where) for text in block]) for block in blocks[: len(sizes)]]
+        own = self._own(blocks, [2, 6, 9] if word == "6d" else [2, 3], where)
+        if not own:
+            return None
+        values = [np.array([number(text, where) for text in block]) for block in own]
         seen = values[0][1] >= 0.0
         R = _rotation(values[2].reshape(3, 3).T, rest, where) if word == "6d" and seen else np.eye(3)
         status = (0 if word == "6d" else NO_ORIENTATION) | (0 if seen else BEAM_BROKEN)
         frame_id = int(values[0][0])
         T = pose.make(R, values[1][:3] * MM)
         return TrackerPose(sequence & 0xFFFFFFFF, self._time_ns, status, frame_id, T, 0.0)
+
+    def _own(self, blocks: list[list[str]], sizes: list[int], where: str) -> list[list[str]]:
+        """Blocks of the target that came first; none where it is hidden."""
+        count = len(sizes)
+        if [len(block) for block in blocks] != sizes * -(-len(blocks) // count):
+            raise FileFormatError("blocks of a target", where=where, value=str(blocks)[:60], limit=f"{sizes} numbers")
+        self._target = self._target or blocks[0][0]
+        targets = (blocks[at : at + count] for at in range(0, len(blocks), count))
+        return next((target for target in targets if target[0][0] == self._target), [])
 
 
 def _rotation(R: Float, text: str, where: str) -> Float:

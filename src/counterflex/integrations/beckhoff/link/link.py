@@ -86,9 +86,13 @@ class AdsLink:
             raise InputError("two symbols have one name", value=", ".join(sorted(one.name for one in symbols)))
         self._reach()
         self._connection: Any = None
+        self.kinds: dict[str, str] = {}
+        self._places: dict[str, tuple[int, int, int]] = {}
         try:
             self._connect()
-            self.kinds = {one.name: self._kind(one) for one in symbols}
+            self._version = self._symbol_version()
+            for one in symbols:
+                self._find(one)
         except BaseException:
             self.close()
             raise
@@ -121,16 +125,26 @@ class AdsLink:
                 "the PLC does not run", where=self._where, value=f"state {state[0] if state else None}", limit=_RUN
             )
 
-    def _kind(self, one: AdsSymbol) -> str:
+    def _symbol_version(self) -> int | None:
+        """Version of the device's symbols; None where it has none."""
+        try:
+            return int(self._connection.read(ads.SYMBOL_VERSION, 0, self._pyads.PLCTYPE_USINT))
+        except (self._pyads.ADSError, RuntimeError):
+            return None
+
+    def _find(self, one: AdsSymbol) -> None:
+        """Store type and place of a symbol."""
         with self._explained(
             f"the symbol '{one.symbol}' cannot be found", hint="counterflex ads list shows what is there"
         ):
-            kind = str(self._connection.get_symbol(one.symbol).symbol_type).strip("\0 ")
+            entry = self._connection.get_symbol(one.symbol)
+            kind = str(entry.symbol_type).strip("\0 ")
         if kind not in ads.TYPES:
             raise OutputError(
                 f"the symbol '{one.symbol}' is no number", where=self._where, value=kind, limit=", ".join(ads.TYPES)
             )
-        return kind
+        self.kinds[one.name] = kind
+        self._places[one.name] = entry.index_group, entry.index_offset, len(ads.pack(kind, 0.0))
 
     def device_symbols(self) -> list[DeviceSymbol]:
         """Everything that the device has.
@@ -149,25 +163,51 @@ class AdsLink:
         Raises:
             OutputError: No answer in time, or an error of the device.
         """
-        names = [one.symbol for one in self.symbols]
-        if not names:
-            return {}
-        with self._explained("the symbols cannot be read"):
-            values = self._connection.read_list_by_name(names, ads_sub_commands=_LARGEST)
-        out = {}
-        for one in self.symbols:
-            value = values[one.symbol]
-            if isinstance(value, str) or not isinstance(value, int | float):
-                raise OutputError(f"the symbol '{one.symbol}' cannot be read", where=self._where, value=value)
-            out[one.name] = float(value) * one.si
+        out: dict[str, float] = {}
+        for at in range(0, len(self.symbols), _LARGEST):
+            out |= self._exchange(self.symbols[at : at + _LARGEST])
         return out
 
-    def write(self, name: str, value: float) -> None:
+    def _exchange(self, symbols: tuple[AdsSymbol, ...]) -> dict[str, float]:
+        # pyads' own list reading takes what a short answer lacks for zeros, and reads on in the old places behind a
+        # change of the PLC's program: other variables may lie there.
+        pyads, places = self._pyads, [self._places[one.name] for one in symbols]
+        if self._version is not None:
+            places.append((ads.SYMBOL_VERSION, 0, 1))
+        requests = (pyads.structs.SAdsSumRequest * len(places))(*places)
+        with self._explained("the symbols cannot be read"):
+            answer = bytes(
+                pyads.pyads_ex.adsSyncReadWriteReqEx2(
+                    self._connection._port, self._connection._adr, ads.SUM_READ, len(places), None, requests, None, True
+                )
+            )
+        at, parts = 4 * len(places), []
+        for *_, size in places:
+            parts.append(answer[at : at + size])
+            at += size
+        codes = [int.from_bytes(answer[4 * k : 4 * k + 4], "little") for k in range(len(places))]
+        if self._version is not None and (codes[-1] or parts[-1][0] != self._version):
+            raise OutputError(
+                "the program of the PLC has changed since this connection began", where=self._where,
+                value=f"version {parts[-1][0]} of its symbols", limit=self._version, hint="Start this command again",
+            )  # fmt: skip
+        for one, code in zip(symbols, codes, strict=False):
+            if code:
+                fault = pyads.errorcodes.ERROR_CODES.get(code, f"error {code}")
+                raise OutputError(f"the symbol '{one.symbol}' cannot be read", where=self._where, value=fault)
+        return {
+            one.name: ads.unpack(self.kinds[one.name], part) * one.si for one, part in zip(symbols, parts, strict=False)
+        }
+
+    def write(self, name: str, value: float) -> float:
         """Write a number.
 
         Args:
             name: Of a symbol, here.
             value: SI.
+
+        Returns:
+            The number in the type of the symbol, SI.
 
         Raises:
             InputError: No such symbol, not one to be written, a value outside its limits or that does not fit its type.
@@ -190,13 +230,14 @@ class AdsLink:
         plain = bool(number) if kind == "BOOL" else int(number) if whole else number
         with self._explained(f"'{name}' cannot be written"):
             self._connection.write_by_name(one.symbol, plain, getattr(self._pyads, f"PLCTYPE_{kind}"))
+        return number * one.si
 
     @contextlib.contextmanager
     def _explained(self, what: str, hint: str | None = None) -> Any:
         try:
             yield
         except self._pyads.ADSError as fault:
-            text = " ".join(str(fault).split())
+            text = " ".join(str(fault).split()).rstrip(".")
             known = {6: "The PLC does not run on this AMS port", 7: "The TwinCAT has no route to this computer"}
             code = getattr(fault, "err_code", None)
             raise OutputError(f"{what}: {text}", where=self._where, hint=hint or known.get(code or 0)) from fault

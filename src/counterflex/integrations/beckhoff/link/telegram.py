@@ -25,6 +25,8 @@ READ_DEVICE_INFO, READ, WRITE, READ_STATE, READ_WRITE = 1, 2, 3, 4, 9
 HANDLE_BY_NAME: Final = 0xF003
 VALUE_BY_HANDLE: Final = 0xF005
 RELEASE_HANDLE: Final = 0xF006
+SYMBOL_VERSION: Final = 0xF008
+"""Index group of one byte that changes with the program of the PLC."""
 INFO_BY_NAME: Final = 0xF009
 UPLOAD: Final = 0xF00B
 UPLOAD_INFO: Final = 0xF00F

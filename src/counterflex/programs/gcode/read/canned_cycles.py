@@ -137,14 +137,29 @@ class CycleMaker(MotionMaker):
                 f"{began:.6g} in G{plane} then, {initial:.6g} in G{state.plane} now",
                 "End the series before the change with G80 and begin the next with G0",
             )  # fmt: skip
-        base = origin if state.absolute else old
-        r = base + sticky["R"] * unit
-        bottom = (base if state.absolute else r) + sticky["Z"] * unit
+        r = (origin if self._from_zero(block, name, "R") else old) + sticky["R"] * unit
+        bottom = (origin if self._from_zero(block, name, "Z") else r) + sticky["Z"] * unit
         if bottom > r:
             heights = [(height - origin) / unit for height in (r, bottom)]
             raise block.fault(f"the R height of {name} is below the bottom of the hole", "R",
                               f"R at {heights[0]:.6g}, bottom at {heights[1]:.6g}")  # fmt: skip
         return r, bottom, old
+
+    def _from_zero(self, block: BlockWords, name: str, letter: str) -> bool:
+        """Tell whether a height of the cycle counts from program zero.
+
+        LinuxCNC goes by the mode in force. Fanuc and Haas keep the height that was stated under G90: their rows of
+        holes are ``G90 G81 X0 Z-5 R2`` and then ``G91 X10 K5``.
+        """
+        state = self._state
+        if not state.of_fanuc or state.cycle_absolute[letter] == state.absolute:
+            return state.absolute
+        if state.absolute:
+            raise block.fault(
+                f"{name} under G90 takes over a height of G91: controllers differ in where it counts from",
+                f"G{state.motion}", f"{letter}{state.cycle[letter]:g}", "State Z and R again behind G90",
+            )  # fmt: skip
+        return True
 
     def _cycle_words(self, block: BlockWords, code: int, axes: dict[int, float]) -> int:
         """Take the words of a canned cycle into those that stay in force; returns the number of repetitions L."""
@@ -152,16 +167,20 @@ class CycleMaker(MotionMaker):
         third, name, sticky = PLANE_AXES[self._state.plane][2], code_name("G", code), self._state.cycle
         if third in axes:
             sticky["Z"] = axes.pop(third)
+            self._state.cycle_absolute["Z"] = self._state.absolute
         for letter in needed[1:]:
             value = block.take(letter)
             if value is not None:
                 sticky[letter] = value
-        count = block.whole("L", 1, 10_000) or block.whole("K", 1, 10_000) or 1  # K: Fanuc
+                self._state.cycle_absolute[letter] = self._state.absolute
+        count = block.whole("L", 1, 10_000)
+        if count is None and (count := block.whole("K", 1, 10_000)) is not None:
+            self._state.of_fanuc = True  # no cycle of LinuxCNC has K
         for letter in needed:
             if letter not in sticky:
                 shown = "XYZ"[third] if letter == "Z" else letter
                 raise block.fault(f"{name} needs the word {shown}", f"G{code}", name)
-        return count
+        return count or 1
 
     def _along(self, block: BlockWords, axis: int, height: float, rapid: bool) -> None:
         target = list(self._state.position)

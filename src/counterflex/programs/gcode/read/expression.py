@@ -1,7 +1,8 @@
 """Values of RS274/NGC: numbers, parameters and bracketed expressions, parsed once and evaluated at each execution.
 
 Precedence, from tight to loose: ``**``; ``* / MOD``; ``+ -``; ``EQ NE GT GE LT LE``; ``AND OR XOR``; all of them
-left-associative. Angles of functions are in degrees. Source: LinuxCNC, G-code overview, "Expressions".
+left-associative. Angles of functions are in degrees. Source: LinuxCNC, G-code overview, "Expressions"; Haas, Mill
+Operator's Manual, "Macros", and FANUC Series 30i, Operator's Manual, "Arithmetic and logic operation", for theirs.
 """
 
 from __future__ import annotations
@@ -21,6 +22,10 @@ _DEEPEST: Final = 60
 
 class ParameterSource(Protocol):
     """Source of parameters in expressions."""
+
+    @property
+    def of_fanuc(self) -> bool:
+        """Return whether Fanuc or Haas calculates: FIX and FUP go by size, AND, OR and XOR work on bits."""
 
     def numbered(self, index: float, column: int) -> float:
         """Value of ``#index``."""
@@ -113,12 +118,13 @@ class FunctionCall:
     def evaluate(self, source: ParameterSource) -> float:
         """Return the function's value."""
         value = self.argument.evaluate(source)
+        if value < 0.0 and source.of_fanuc and self.name in ("fix", "fup"):
+            return -_FUNCTIONS[self.name](-value)
         try:
             return _FUNCTIONS[self.name](value)
         except (ValueError, OverflowError) as fault:
-            raise source.fault(
-                f"{self.name.upper()} has no value for this argument", self.column, f"{value:g}"
-            ) from fault
+            what = f"{self.name.upper()} has no value for this argument"
+            raise source.fault(what, self.column, f"{value:g}") from fault
 
 
 @dataclass(frozen=True)
@@ -149,14 +155,17 @@ class BinaryOperation:
                 vacant = source.vacant(other.index.evaluate(source), other.column)
                 return float(vacant == (self.operator == "eq"))
         left, right = self.left.evaluate(source), self.right.evaluate(source)
+        if self.operator in ("and", "or", "xor") and source.of_fanuc and not {left, right} <= {0.0, 1.0}:
+            what = "Fanuc and Haas combine the bits of these numbers, LinuxCNC asks whether they are 0"
+            hint = "Compare each number: [#1 NE 0] AND [#2 NE 0]"
+            raise source.fault(what, self.column, f"{left:g} {self.operator.upper()} {right:g}", hint)
         try:
             value = _OPERATORS[self.operator](left, right)
         except ZeroDivisionError as fault:
             raise source.fault("division by zero", self.column, f"{left:g} {self.operator} {right:g}") from fault
         except (ValueError, OverflowError) as fault:
-            raise source.fault(
-                f"{self.operator.upper()} has no value for these numbers", self.column, f"{left:g} and {right:g}"
-            ) from fault
+            what = f"{self.operator.upper()} has no value for these numbers"
+            raise source.fault(what, self.column, f"{left:g} and {right:g}") from fault
         if not math.isfinite(value):
             raise source.fault("the result is not a finite number", self.column, f"{left:g} {self.operator} {right:g}")
         return value
@@ -367,9 +376,8 @@ class Cursor:
             raise self.error("a bracket [ is expected", repr(self.peek(8)) if self.peek() else "nothing")
         inner = self._operation(1)
         if not self.take("]"):
-            raise self.error(
-                "an operator or ] is expected", repr(self.peek(8)) if self.peek() else "the end of the line"
-            )
+            value = repr(self.peek(8)) if self.peek() else "the end of the line"
+            raise self.error("an operator or ] is expected", value)
         return inner
 
     def assigned(self) -> Expression:
@@ -388,8 +396,5 @@ class Cursor:
             left = BinaryOperation(operator, left, self._operation(_PRECEDENCE[operator] + 1), column)
 
     def _operator(self) -> str | None:
-        for length in (3, 2, 1):
-            word = self.peek(length)
-            if len(word) == length and word in _PRECEDENCE:
-                return word
-        return None
+        words = (self.peek(length) for length in (3, 2, 1))
+        return next((word for word in words if word in _PRECEDENCE), None)

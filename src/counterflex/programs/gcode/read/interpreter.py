@@ -243,15 +243,14 @@ class Interpreter(FlowRunner):
     ) -> Place | None:
         """Execute a line; the place to go on at where that is not the next line."""
         first = len(self._maker.motions)
-        if scanned is None:
-            words = literal
-        else:
+        words = literal
+        if scanned is not None:
             if scanned.percent or (scanned.block_delete and self._block_delete):
                 if scanned.percent:
                     self._percent_line(source, index)
                 self._append_block(source, index, text, (), self._modal, first, False)
                 return None
-            words = self._evaluate(scanned)
+            words = self._evaluate(scanned, text)
             if scanned.flow is not None:
                 self._append_block(source, index, text, words, self._modal, first, False)
                 return self._jump(source, index, scanned.flow)
@@ -281,8 +280,12 @@ class Interpreter(FlowRunner):
             column = source.lines[index].index("%")
             raise self._fault("a % in a program that does not begin with one", column, "%")
 
-    def _evaluate(self, scanned: ScannedLine) -> tuple[Word, ...]:
+    def _evaluate(self, scanned: ScannedLine, text: str = "") -> tuple[Word, ...]:
         """Evaluate words, then let assignments take effect."""
+        for word in scanned.words if self._state.of_fanuc and "ROUND" in text.upper() else ():
+            if "ROUND" in (shown := text[word.start : word.end]).upper():
+                what = "ROUND in a word rounds to the least increment on Fanuc and Haas, to a whole number elsewhere"
+                raise self._fault(what, word.start, shown, "Write the number, or set a parameter to it before")
         words = tuple(
             Word(word.letter, word.value, word.start, word.end)
             if word.value is not None
@@ -297,8 +300,8 @@ class Interpreter(FlowRunner):
             if isinstance(target, NamedParameter):
                 self._parameters.set_named(target.name, value, assignment.column)
             else:
-                index = self._value(target.index, "the number of a parameter")
-                self._parameters.set_numbered(index, value, assignment.column)
+                number = self._value(target.index, "the number of a parameter")
+                self._parameters.set_numbered(number, value, assignment.column)
         return words
 
     def _places(self, block: BlockWords, special: int | None) -> bool:

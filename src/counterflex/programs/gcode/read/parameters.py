@@ -96,6 +96,11 @@ class GcodeParameters:
         """Make an error on the line being executed."""
         return self._fault(what, column, value, hint)
 
+    @property
+    def of_fanuc(self) -> bool:
+        """Return whether the program was written for Fanuc or Haas."""
+        return self._state.of_fanuc
+
     # Scopes ---------------------------------------------------------------------------------------------------------
 
     def enter(self, arguments: list[float | Unknown | None]) -> None:

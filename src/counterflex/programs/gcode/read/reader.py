@@ -104,10 +104,12 @@ def read_gcode(
 
 
 def _state_at_start(machine: MillingMachine, lines: Sequence[str]) -> ModalState:
+    of_fanuc = any(FANUC.search(COMMENT.sub("", line)) for line in lines)
     state = ModalState(
         work_offsets=WorkOffsets(machine.work_offsets, machine.known, machine.part_offsets),
         unknown=set() if machine.known else {0, 1, 2},
-        of_fanuc=any(FANUC.search(COMMENT.sub("", line)) for line in lines),
+        of_fanuc=of_fanuc,
+        retract_initial=of_fanuc,  # G98 is in force at the start of Fanuc and Haas, G99 of LinuxCNC
         fanuc_offsets=any(FURTHER_OFFSET.search(line) for line in lines),
         g92_known=machine.known,
         lengths_known=machine.known or machine.tool_lengths is not None,

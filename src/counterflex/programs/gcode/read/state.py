@@ -58,6 +58,7 @@ class ModalState:
     prepared: int | None = None  # Tool chosen by T; None before the first
     # Sticky words of the canned cycle by letter, in program units
     cycle: dict[str, float] = field(default_factory=dict)
+    cycle_absolute: dict[str, bool] = field(default_factory=dict)  # G90 was in force where each was stated
     # Height along the cycle's axis at which the running series of cycles began, m; None outside one
     cycle_initial: float | None = None
     # The same as the program said it there: plane, and height in program units

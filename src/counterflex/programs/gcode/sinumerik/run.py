@@ -280,7 +280,9 @@ class SinumerikRun:
     def _modes(self, block: SinumerikBlock, dwell: bool) -> None:
         """Modes, speeds and tool."""
         state, groups = self._state, block.groups
-        state.unit = groups.get("unit", state.unit)
+        before_m, state.unit = state.feed_unit_m, groups.get("unit", state.unit)
+        if state.feed and state.feed_mode != 93:  # a feed that is in force stays (828D, Function Manual, G2)
+            state.feed *= before_m / state.feed_unit_m
         if "distance" in groups:
             state.absolute = groups["distance"] == "G90"
         if "feed" in groups and int(groups["feed"][1:]) != state.feed_mode:
