@@ -247,7 +247,6 @@ def lasting(values: Float, time_s: Float, window_s: float) -> Float:
     Args:
         values: (n, k).
         time_s: (n,) s, not decreasing, longer than nothing.
-        window_s: Length of the window, s.
 
     Returns:
         (n, k).

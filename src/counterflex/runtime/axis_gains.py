@@ -74,7 +74,6 @@ def require_usable(gains: tuple[AxisGains, ...], output: str, tracker: str, *, a
     """Refuse controllers of the axes beside what would work against them or make their margins others.
 
     Args:
-        gains: Of the axes.
         output: Name of how corrections are sent.
         tracker: Name of what is done with a tracker.
         axis_play: Whether the play of the gears is added to the axis corrections.

@@ -24,8 +24,9 @@ from counterflex.identify.delays.residuals import Order
 from counterflex.identify.delays.stamped import Stamped, stamped
 from counterflex.identify.solver.jackknife import long_run
 from counterflex.identify.timing import recipe as timing
-from counterflex.signals.lag import Lag, RecorderClock
+from counterflex.signals.lag import Lag
 from derivative_check import convergence_order
+from recorder_clock import RecorderClock
 
 ROOT = Path(__file__).resolve().parents[3]
 STEP = 4.0 * MS

@@ -42,8 +42,6 @@ def about_run(settings: RunSettings, session: OnlineSession, out: Path) -> dict[
     """Describe a run.
 
     Args:
-        settings: What it is made of.
-        session: Opened.
         out: Folder of its log.
 
     Returns:

@@ -345,7 +345,6 @@ def check_spread(
     Args:
         points: (n, 3) m.
         what: For the message: ``fiducials``.
-        where: For the message.
         shape: The worst shape that is refused: ``point`` refuses points in one place, ``line`` also points on one line,
             ``plane`` also points in one plane.
         least_m: Spread (standard deviation) along their longest direction below which points are in one place.

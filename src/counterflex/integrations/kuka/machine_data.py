@@ -36,9 +36,6 @@ def is_kuka(text: str) -> bool:
 def read_kuka(text: str, where: str) -> ControllerData:
     """Frames of a ``$config.dat``; those that are all zeros were never set, and are left out.
 
-    Args:
-        where: Its name, for errors.
-
     Raises:
         FileFormatError: A frame that is set is damaged, or there twice.
     """
@@ -131,9 +128,6 @@ def _number(text: str, where: str) -> float:
 def read_kuka_machine(text: str, where: str) -> ControllerData:
     """Read ``$ROBROOT``, ``$SOFTN_END``, ``$SOFTP_END``, ``$LENGTH_A`` and ``$TRAFONAME``.
 
-    Args:
-        where: Its name, for errors.
-
     Raises:
         FileFormatError: ``$ROBROOT`` is damaged, or there twice.
     """
@@ -169,11 +163,7 @@ _READ: Final = frozenset(("$ROBROOT", "$SOFTN_END", "$SOFTP_END", "$LENGTH_A", "
 
 
 def read_data(text: str, where: str) -> ControllerData | None:
-    """Data of a ``$config.dat`` or ``$machine.dat``; None of another text.
-
-    Args:
-        where: Its name, for errors and notes.
-    """
+    """Data of a ``$config.dat`` or ``$machine.dat``; None of another text."""
     if is_kuka(text):
         return read_kuka(text, where)
     if is_kuka_machine(text):

@@ -20,7 +20,6 @@ from counterflex.programs.convert.steps import MachineFunction, Move, Step
 from counterflex.programs.program import Program
 
 UPRIGHT: Final = 5e-5
-_SAME_M: Final = 1e-9
 
 
 @dataclass(frozen=True)

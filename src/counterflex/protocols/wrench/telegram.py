@@ -64,11 +64,6 @@ class Wrench:
     source: int  # see the table
     w_sensor: tuple[float, float, float, float, float, float]  # Fx Fy Fz N, Mx My Mz N m
 
-    @property
-    def usable(self) -> bool:
-        """Return whether the numbers may be used."""
-        return not self.status & (SATURATED | INVALID)
-
 
 def read_wrench(data: bytes) -> Wrench:
     """Read a datagram.
@@ -112,7 +107,6 @@ def rows_of(data: NDArray[np.uint8], lengths: NDArray[np.int64], count: int) -> 
     Args:
         data: (n, size) one datagram in a row, what lies behind its end means nothing; size at least 72.
         lengths: (n,) bytes of each.
-        count: How many there are.
 
     Returns:
         (count,) rows of :data:`FIELDS`, and which of them :func:`read_wrench` would read.

@@ -42,11 +42,6 @@ class Solution:
     sigma_min: float  # smallest singular value of the scaled Jacobian; 0 at any singularity
     extension_m: float | None  # how far the wrist centre lies inside the arm's reach (rigid OPW geometry), or None
 
-    @property
-    def singular(self) -> bool:
-        """Too close to a singularity for motion or correction."""
-        return self.sigma_min < SIGMA_FLOOR
-
 
 @dataclass(frozen=True)
 class PathSolution:

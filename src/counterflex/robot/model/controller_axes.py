@@ -149,12 +149,6 @@ class ControllerAxes:
         out[..., 2, 3] -= self.world_m
         return out
 
-    def in_base(self, T_world_a: Float) -> Float:
-        """(..., 4, 4) m, a frame of the controller's world in the base; the inverse of :meth:`in_world`."""
-        out: Float = np.array(T_world_a, dtype=np.float64)
-        out[..., 2, 3] += self.world_m
-        return out
-
     def model_limits(self, q3_limits_rad: Float | None = None) -> Float:
         """(6, 2) smallest box of the model's angles that holds every pose within the limits of the controller's axes.
 

@@ -70,7 +70,6 @@ def worst_margins(plants: tuple[TrackerPlant, ...], gains: AxisGains) -> tuple[M
 
     Args:
         plants: The first gives the crossover.
-        gains: Of the axis.
     """
     f = _grid(plants[0].period_s)
     return _worst(plants, [plant.response(f) for plant in plants], gains, f)

@@ -53,7 +53,6 @@ def lag_filter(delays: Delays, period_s: float, mode: tuple[float, float] | None
 
     Args:
         delays: Of program and correction.
-        period_s: Cycle.
         mode: Lowest mode, Hz, and its damping ratio; None leaves the motion as it is.
 
     Raises:

@@ -217,7 +217,6 @@ def unwatched(
     """Everything is watched and nothing reacts: what a loop does that was not told.
 
     Args:
-        online: Settings of the loop.
         exponent: Of the force in the feed per tooth.
         inertia_kg: Mass behind the force sensor whose inertia it feels.
         ring_s: Over which a swing of the arm dies away to 1/e.

@@ -109,7 +109,6 @@ class Plausibility:
 
         Args:
             out: :data:`counterflex.runtime.state.doubts.LIMITS`; written.
-            period_s: Cycle.
             mode: Lowest mode of the arm, Hz, and its damping ratio, about which it swings when a load comes or goes;
                 None: of a robot that does not swing.
             gain: Of the tracker's integrator, per cycle; 0: none, the mirror image is not judged.

@@ -124,7 +124,6 @@ class PairWrench:
             q: (6,) rad.
             w_sensor: (6,) N, N m reading of the flange sensor; the holder's samples are in the arrays of its receiver.
             time_s: Since the flange sensor's zero.
-            temperature_c: Of it.
         """
         p, fresh = self.paired, self.fresh
         if fresh & FIRST:

@@ -228,11 +228,6 @@ class NetftRecord:
     status: int  # 0 good, :data:`MONITOR` a warning, anything else a fault
     counts: tuple[int, int, int, int, int, int]  # Fx Fy Fz Tx Ty Tz
 
-    @property
-    def usable(self) -> bool:
-        """True where the counts may be used."""
-        return self.status in (GOOD, MONITOR)
-
 
 def write_record(record: NetftRecord) -> bytes:
     """A record as bytes: the sensor's side.
@@ -244,9 +239,3 @@ def write_record(record: NetftRecord) -> bytes:
         return RECORD.pack(record.sequence, record.sample, record.status, *record.counts)
     except struct.error as fault:
         raise ProtocolError("a record's number does not fit its field", value=record.counts) from fault
-
-
-def lost(before: int, now: int) -> int:
-    """Records lost between two sequence numbers, with the wrap at 2^32; negative for a late or repeated one."""
-    step = (now - before) & 0xFFFFFFFF
-    return step - 1 if step < 0x80000000 else step - 0x100000000 - 1

@@ -167,7 +167,6 @@ class AdsLink:
 
         Args:
             name: Of a symbol, here.
-            value: SI.
 
         Raises:
             InputError: No such symbol, not one to be written, a value outside its limits or that does not fit its type.

@@ -20,8 +20,6 @@ from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.program import Motion, MotionKind, Word
 from counterflex.programs.unknown import Unknown
 
-_SAME_M: Final = 1e-9
-_STRAIGHT: Final = 1e-9
 _VECTOR: Final = ("TX", "TY", "TZ")
 _PLACE: Final = "Retract in coordinates of the part: L Z+100 R0 FMAX"
 _NAME_ALL: Final = "Write X, Y and Z without I"

@@ -242,8 +242,6 @@ class InformFlow(InformMotions):
 
         Args:
             job: Where they stand.
-            begin: Index of the first one.
-            end: Index behind the last one.
             condition: Why it is not known.
             opening: Word and line of the instruction that the condition stands in.
             level: Calls on the way there.

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
@@ -20,8 +18,6 @@ from counterflex.integrations.abb.language.table import FUNCTION_OUTPUTS, TABLE
 from counterflex.programs.expression import Call, ExpressionError, Name, Node, evaluate
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, first_unknown
-
-_OPTIONAL: Final = re.compile(r"\\\s*\w+\s*\?")
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,8 +72,6 @@ class TpBranches(TpMotionExecution):
         """Pass statements that run where an unknown condition holds.
 
         Args:
-            begin: Index of the first one.
-            end: Index behind the last one.
             condition: Why it is not known.
             opening: Word and line of the statement that the condition stands in.
             level: Calls on the way there.

@@ -196,7 +196,6 @@ class Val3Branches(Val3MotionExecution):
 
         Args:
             begin: Index of the first line.
-            end: Index behind the last one.
             condition: Why it is not known.
             opening: Word and line of the statement that the condition stands in.
             level: Calls on the way there.
