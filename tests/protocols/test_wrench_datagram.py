@@ -22,7 +22,6 @@ from counterflex.protocols.wrench.telegram import (
     Wrench,
     read_wrench,
     rows_of,
-    write_wrench,
 )
 from counterflex.twin.devices.wrench import RANGE_N, WrenchSender
 from counterflex.twin.network.faults import Fault, FaultSchedule
@@ -46,7 +45,7 @@ ONE = Wrench(42, 1_000_000, WARNING, 7, (1.0, -2.0, 3.0, 0.1, -0.2, 0.3))
 
 
 def test_golden_bytes() -> None:
-    assert write_wrench(ONE) == GOLDEN
+    assert ONE.written() == GOLDEN
     assert read_wrench(GOLDEN) == ONE
 
 
@@ -54,7 +53,7 @@ def test_golden_bytes() -> None:
 def test_round_trip_one_by_one_and_as_rows(
     sequence: int, time_ns: int, status: int, source: int, w: tuple[float, float, float, float, float, float]
 ) -> None:
-    data = write_wrench(Wrench(sequence, time_ns, status, source, w))
+    data = Wrench(sequence, time_ns, status, source, w).written()
     assert read_wrench(data) == Wrench(sequence, time_ns, status, source, w)
     row = np.frombuffer(data, dtype=np.uint8).reshape(1, 72)
     rows, good = rows_of(row, np.array([72]), 1)
@@ -83,7 +82,7 @@ def test_what_is_refused_alone_is_refused_in_a_row(data: bytes, said: str) -> No
 
 
 def test_an_invalid_measurement_may_hold_any_numbers() -> None:
-    assert read_wrench(write_wrench(Wrench(1, 2, INVALID, 0, (float("nan"),) * 6))).status == INVALID
+    assert read_wrench(Wrench(1, 2, INVALID, 0, (float("nan"),) * 6).written()).status == INVALID
 
 
 @pytest.fixture

@@ -228,14 +228,9 @@ class NetftRecord:
     status: int  # 0 good, :data:`MONITOR` a warning, anything else a fault
     counts: tuple[int, int, int, int, int, int]  # Fx Fy Fz Tx Ty Tz
 
-
-def write_record(record: NetftRecord) -> bytes:
-    """A record as bytes: the sensor's side.
-
-    Raises:
-        ProtocolError: A number does not fit its field.
-    """
-    try:
-        return RECORD.pack(record.sequence, record.sample, record.status, *record.counts)
-    except struct.error as fault:
-        raise ProtocolError("a record's number does not fit its field", value=record.counts) from fault
+    def written(self) -> bytes:
+        """The record as bytes: the sensor's side. Raises ProtocolError: a number does not fit its field."""
+        try:
+            return RECORD.pack(self.sequence, self.sample, self.status, *self.counts)
+        except struct.error as fault:
+            raise ProtocolError("a record's number does not fit its field", value=self.counts) from fault
