@@ -65,11 +65,7 @@ def read_kuka(text: str, where: str) -> ControllerData:
 
 
 def frame_of_text(text: str, where: str) -> Float:
-    """(4, 4) m of ``{X ..,Y ..,Z ..,A ..,B ..,C ..}``.
-
-    Raises:
-        FileFormatError: It is something else.
-    """
+    """(4, 4) m of ``{X ..,Y ..,Z ..,A ..,B ..,C ..}``. Raises FileFormatError: it is something else."""
     parts = [(match[1].upper(), float(match[2])) for match in _PART.finditer(text)]
     values = dict(parts)
     if sorted(letter for letter, _ in parts) != sorted("XYZABC") or _FRAME.fullmatch(text) is None:

@@ -39,11 +39,7 @@ class StrainSample:
     strain: Float  # (n,) of each bridge, dimensionless
 
     def telegram(self) -> bytes:
-        """A reading as a datagram: the amplifier's side.
-
-        Raises:
-            ProtocolError: A number does not fit its field.
-        """
+        """A reading as a datagram: the amplifier's side. Raises ProtocolError: a number does not fit its field."""
         count = len(self.strain)
         if not FEWEST <= count <= MOST:
             raise ProtocolError("number of bridges of a strain datagram", value=count, limit=f"{FEWEST}..{MOST}")

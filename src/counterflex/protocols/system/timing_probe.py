@@ -23,11 +23,7 @@ _LONGEST_S: Final = 10.0
 
 
 def echo_socket() -> socket.socket:
-    """A socket on loopback for :func:`echo`.
-
-    Raises:
-        OutputError: There is no loopback interface.
-    """
+    """A socket on loopback for :func:`echo`. Raises OutputError: there is no loopback interface."""
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         out.bind(("127.0.0.1", 0))

@@ -24,11 +24,7 @@ class AxisTolerance:
     offset_rad: float = 3.0 * DEG  # likewise
 
     def __post_init__(self) -> None:
-        """Check that they are lengths and angles above zero.
-
-        Raises:
-            InputError: One is not.
-        """
+        """Check that they are lengths and angles above zero. Raises InputError: one is not."""
         for name in ("position_m", "rotation_rad", "offset_m", "offset_rad"):
             as_positive(f"axis check: {name}", getattr(self, name))
 

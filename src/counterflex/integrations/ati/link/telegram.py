@@ -71,11 +71,7 @@ def request(command: int, samples: int = 0) -> bytes:
 
 
 def read_request(data: bytes) -> tuple[int, int]:
-    """Command and sample count of a request: the sensor's side.
-
-    Raises:
-        ProtocolError: Not a request.
-    """
+    """Command and sample count of a request: the sensor's side. Raises ProtocolError: not a request."""
     if len(data) != _REQUEST.size:
         raise ProtocolError("not a request of a force sensor", value=f"{len(data)} bytes", limit=_REQUEST.size)
     header, command, samples = _REQUEST.unpack(data)

@@ -133,11 +133,7 @@ class AdsLink:
         return kind
 
     def device_symbols(self) -> list[DeviceSymbol]:
-        """Everything that the device has.
-
-        Raises:
-            OutputError: It does not tell.
-        """
+        """Everything that the device has. Raises OutputError: it does not tell."""
         with self._explained("the symbols cannot be listed"):
             symbols = self._connection.get_all_symbols()
         texts = [(str(one.name), str(one.symbol_type), str(one.comment or "")) for one in symbols]

@@ -103,11 +103,7 @@ class KlartextTargets:
             self.away = f"{name} in line {line}"
 
     def require_place(self, words: PathWords) -> None:
-        """Refuse a motion from a place that is not known.
-
-        Raises:
-            ProgramError: It begins at one.
-        """
+        """Refuse a motion from a place that is not known. Raises ProgramError: it begins at one."""
         if self.away:
             raise words.fault(
                 f"the program moves on after {self.away}, and where that leads is not known", None, _PLACE

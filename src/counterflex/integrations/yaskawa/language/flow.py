@@ -56,11 +56,7 @@ class InformFlow(InformMotions):
     # ---- values --------------------------------------------------------------------------------------------
 
     def value(self, step: InformStep, text: str) -> Value:
-        """Return the value of an expression of an instruction.
-
-        Raises:
-            ProgramError: It is none.
-        """
+        """Return the value of an expression of an instruction. Raises ProgramError: it is none."""
         self.values.where = f"{step.job.name}:{step.statement.line}"
         try:
             return self.values.evaluate(text)

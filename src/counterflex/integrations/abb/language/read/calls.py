@@ -78,11 +78,7 @@ class Calls:
         return value
 
     def call_routine(self, routine: RapidRoutine, given: Given, place: tuple[int, int]) -> object:
-        """Execute a routine with arguments.
-
-        Raises:
-            ProgramError: They do not fit its parameters.
-        """
+        """Execute a routine with arguments. Raises ProgramError: they do not fit its parameters."""
         names: dict[str, Reference] = {}
         absent: set[str] = set()
         required = list(given.required)
@@ -159,11 +155,7 @@ class Calls:
         return self.call(node.name, values, options)
 
     def call(self, name: str, arguments: Sequence[object], options: Mapping[str, object]) -> object:
-        """Return the value of a function of the controller.
-
-        Raises:
-            ExpressionError: The arguments do not fit.
-        """
+        """Return the value of a function of the controller. Raises ExpressionError: the arguments do not fit."""
         word, name, values = name, name.upper(), list(arguments)
         unknown = first_unknown([*values, *options.values()])
         computed = FUNCTIONS.get(name) or WITH_OPTIONS.get(name)

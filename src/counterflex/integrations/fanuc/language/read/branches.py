@@ -214,11 +214,7 @@ class TpBranches(TpMotionExecution):
         self._blocks.append(Block(line, text, (), self.modal("G1"), len(self.motions), 0, file=file))
 
     def value(self, step: TpStep, text: str) -> Value:
-        """Return the value of an expression of a statement.
-
-        Raises:
-            ProgramError: It is none.
-        """
+        """Return the value of an expression of a statement. Raises ProgramError: it is none."""
         self.values.where = step.line
         if "LPOS" in text.upper():
             self.values.here = self.here(at_rest=True)

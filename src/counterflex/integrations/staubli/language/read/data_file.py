@@ -133,11 +133,7 @@ class DataFile:
         return int(size) if size.isdecimal() else max(values, default=0) + 1
 
     def number(self, value: Val3Value, letter: str) -> float:
-        """A number of an element; 0 where it is not written.
-
-        Raises:
-            ProgramError: It is none.
-        """
+        """A number of an element; 0 where it is not written. Raises ProgramError: it is none."""
         text = value.attributes.get(letter, "0").strip()
         if not re.fullmatch(NUMBER, text) or not abs(float(text)) <= LARGEST:
             raise self._fault(f"{letter} is no number within reach", value.data, f"at most {LARGEST:g}")
