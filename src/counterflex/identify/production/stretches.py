@@ -30,7 +30,7 @@ _WALL_RAD: Final = 0.18  # beyond what the grid of a blank leaves beside a full 
 _LEAST_N: Final = 5.0
 _MOST_BAD: Final = 0.05
 _LEVEL_M: Final = 0.5 * MM
-_FOUND: Final = Cutting(trim_diameters=0.6, settle_s=0.15)  # Mean forces of a run need no settled record
+_CHOICE: Final = Cutting(trim_diameters=0.6, settle_s=0.15)  # Mean forces of a run need no settled record
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def stretches_of(
     plan: PlannedCut,
     at: Aligned,
     tool: int,
-    choice: Cutting = _FOUND,
+    choice: Cutting = _CHOICE,
 ) -> RunCut:
     """Find the steady stretches of a run with one tool.
 

@@ -274,7 +274,6 @@ def from_signs(
     zeros_rad: tuple[float, ...],
     axis_2_m: float,
     axis_3: Axis3 | None = None,
-    limits_rad: Float | None = None,
 ) -> ControllerAxes:
     """Axes of an arm whose model says only how its angles are counted: ``j = sign q + zero``, then the coupling.
 
@@ -288,7 +287,7 @@ def from_signs(
     om = np.array(rule.offsets_deg) * DEG
     offsets = tuple(float(value) for value in om - np.array(rule.signs) * np.array(zeros_rad))
     model_signs = tuple(int(a * b) for a, b in zip(signs, rule.signs, strict=True))
-    return from_geometry(maker, model_signs, offsets, axis_2_m, axis_3, limits_rad)
+    return from_geometry(maker, model_signs, offsets, axis_2_m, axis_3)
 
 
 def in_language(
