@@ -54,7 +54,7 @@ CELL: Final = SHIPPED / "cells" / "kr300_d16_small.toml"
 def speed(count: int) -> bool:
     """Print the time of a search; True where the goal is met."""
     _, cell, task = placement.task_of(GROOVE, read_cell(CELL), AS_IT_IS, "both")
-    frame = ProgramInCell(cell, placement.middle_of(task))
+    frame = ProgramInCell(cell, task.middle_of_cut)
     site, region = site_of(task, placement.stretches_of_task(task, cell)), Wish().region(frame)
     search(site, region, frame.seen, 1)
     wall, processor = time.perf_counter(), time.process_time()

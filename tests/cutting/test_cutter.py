@@ -25,12 +25,6 @@ def test_outline_of_each_kind() -> None:
     assert BULL.radius_at(1.0) == 0.008
 
 
-@pytest.mark.parametrize("cutter", [BALL, BULL])
-def test_height_inverts_radius(cutter: Cutter) -> None:
-    for z in np.linspace(1e-5, cutter.corner_radius_m, 7):
-        assert cutter.height_at(cutter.radius_at(float(z))) == pytest.approx(z, abs=1e-12)
-
-
 def test_levels_cover_the_corner_once() -> None:
     assert FLAT.levels().tolist() == [0.0, math.inf]
     for cutter in (BALL, BULL):
@@ -77,5 +71,3 @@ def test_impossible_cutters_are_refused(arguments: dict[str, float]) -> None:
 def test_heights_outside_the_cutter_are_refused() -> None:
     with pytest.raises(InputError):
         FLAT.radius_at(-1e-6)
-    with pytest.raises(InputError):
-        FLAT.height_at(0.009)

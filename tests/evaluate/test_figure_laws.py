@@ -23,7 +23,7 @@ from counterflex.evaluate.measured_values import flatness, values_row
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.evaluate.path_deviation import entry_exit
 from counterflex.evaluate.process_record import ProcessRecord
-from counterflex.evaluate.run_curves import RunCurves, curves_of, deviations, figures, needed_of, sides_of, trend
+from counterflex.evaluate.run_curves import RunCurves, curves_of, deviations, figures, needed_of, trend
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.state.supervisor import Cause, State
@@ -329,7 +329,7 @@ def test_left_of_the_feed_changes_side_where_the_tool_turns_back(angle: float, t
     for axis, name in enumerate("xyz"):
         rows[:, record.column(f"nominal_{name}")] = along * way[axis]
     rows[:, record.column("nominal_R22")] = -1.0  # the tool points down, out of the spindle
-    sides = sides_of(rows)
+    sides = curves_of([needed_of(rows)], planned=True).sides
     left = np.array([-way[1], way[0], 0.0])
     np.testing.assert_allclose(sides[: there - 11, 0], np.tile(left, (there - 11, 1)), atol=1e-9)
     np.testing.assert_allclose(sides[there + 11 :, 0], np.tile(-left, (back - 12, 1)), atol=1e-9)
@@ -350,7 +350,6 @@ def test_curves_do_not_depend_on_how_a_log_is_cut_into_segments(cuts: list[int],
     parts = curves_of([needed_of(one) for one in pieces], planned=True)
     for name in ("sides", "deflection_m", "sent_m", "measured_m", "force_n", "cut"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
-    np.testing.assert_array_equal(whole.sides, sides_of(rows))
 
 
 def test_a_micrometre_is_seen() -> None:

@@ -13,13 +13,13 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import rotation
-from counterflex.identify.delays.delay import Delay, find_delay
-from counterflex.identify.delays.pairs import pairs
 from counterflex.identify.payload.residuals import Knowledge, SensorEffects, SensorReadings, parameters
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.jackknife import parts_of_groups, stretches, widened, with_correlation, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import Stop, solve
+from counterflex.identify.timing.delay import Delay, find_delay
+from counterflex.identify.timing.pairs import pairs
 from counterflex.sensing.flange_sensor import FlangeSensor
 
 ROOT = Path(__file__).parents[2]

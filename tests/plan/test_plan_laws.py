@@ -25,7 +25,7 @@ from counterflex.plan.preflight.held_speed import HeldSpeed, SpeedCause, held_sp
 from counterflex.plan.preflight.preflight import Preflight
 from counterflex.plan.preflight.row import CheckLimits, Row, Verdict, worst_of_axes
 from counterflex.plan.preflight.spacing import blocks_of
-from counterflex.plan.static_correction import size_about
+from counterflex.plan.static_correction import LoadedRobot
 
 QUICK = settings(max_examples=60)
 LAW = KienzleLaw.from_k11(
@@ -153,7 +153,7 @@ def test_a_place_is_judged_by_what_is_left_across_it_where_it_touches(number: in
         float(np.linalg.norm(np.cross(d[:3], s / np.linalg.norm(s)) if np.any(s != 0.0) else d[:3])) ** 4 * touches
         for d, s, touches in zip(deviation, step, contact, strict=True)
     ]
-    for k, size in enumerate(size_about(loaded, deviation)):
+    for k, size in enumerate(LoadedRobot.size_about(loaded, deviation)):
         begin, end = np.clip(path.time_s[k] + np.array([-0.2, 0.2]), path.time_s[0], path.time_s[-1])
         instants = begin + (end - begin) * (np.arange(4000) + 0.5) / 4000
         after = np.searchsorted(path.time_s, instants)

@@ -39,13 +39,13 @@ def test_what_a_command_makes_the_axes_lose_is_in_it(
     loaded = room.loaded_robot(inputs, undisturbed_cut(inputs, silent))
     monkeypatch.setattr(room, "lost_motion", lambda *_: np.zeros((len(path), 3)))
     without = room.static_correction(loaded, silent)[0]
-    programmed, taken_back = room.command_against, [np.zeros((len(path), 3))]
+    programmed, taken_back = room.LoadedRobot.command_against, [np.zeros((len(path), 3))]
 
     def command_against(loaded: room.LoadedRobot, displacement: Float) -> room.Command:
         taken_back.append((displacement - without)[:, :3])
         return programmed(loaded, displacement)
 
-    monkeypatch.setattr(room, "command_against", command_against)
+    monkeypatch.setattr(room.LoadedRobot, "command_against", command_against)
     monkeypatch.setattr(room, "lost_motion", lambda *_: LOST_UM * UM + answer * taken_back[-1])
     found = (room.static_correction(loaded, silent)[0] - without)[loaded.cut.contact, :3]
     np.testing.assert_allclose(np.median(found, axis=0), LOST_UM * UM / (1.0 - answer), rtol=0.06)

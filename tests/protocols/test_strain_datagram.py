@@ -108,10 +108,8 @@ def test_bridges_that_are_not_believed_show_nothing(link: StrainLink) -> None:
     assert send(link, datagram(1, wild, status=1)) == 1
     assert np.flatnonzero(np.isnan(link.strain[0, :6])).tolist() == [0, 1, 2]
     assert link.saturated
-    assert link.out_of_order() == ["bridge 1 broken", "bridge 2 beyond its range", "bridge 3 broken"]
     assert send(link, datagram(2)) == 1
     assert not link.saturated
-    assert link.out_of_order() == []
 
 
 def test_a_bridge_that_repeats_itself_is_not_believed(link: StrainLink) -> None:
@@ -121,7 +119,6 @@ def test_a_bridge_that_repeats_itself_is_not_believed(link: StrainLink) -> None:
         moving[4] = STRAIN[4]
         assert send(link, datagram(k + 1, moving)) == 1
         assert np.isnan(link.strain[0, 4]) == (k == FROZEN - 1)
-    assert link.out_of_order() == ["bridge 5 repeats its last value"]
     assert not link.frozen
     for k in range(FROZEN):
         send(link, datagram(100 + k))

@@ -12,7 +12,8 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.sensing.carrier import carrier_pose, carrier_to_tcp, hose_rotation
-from counterflex.sensing.flange_sensor import FlangeSensor, tcp_wrench
+from counterflex.sensing.flange_sensor import FlangeSensor
+from flange_wrench import tcp_wrench
 
 DEMO = Path(counterflex.__file__).parent / "app" / "demo"
 

@@ -14,8 +14,9 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 from counterflex.sensing.carrier import carrier_to_tcp
-from counterflex.sensing.flange_sensor import FlangeSensor, SensorMotion, idle_wrench
+from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.signals.filters import Smoother
+from flange_wrench import SensorMotion, idle_wrench
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
 T = 4e-3

@@ -16,9 +16,10 @@ from counterflex.runtime.sensing import strain_kernel as kernel
 from counterflex.runtime.sensing.strain_wrench import ObserverTuning, StrainWrench
 from counterflex.runtime.state.states import Cause
 from counterflex.sensing.carrier import carrier_pose, mass_behind
-from counterflex.sensing.flange_sensor import FlangeSensor, idle_wrench
+from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.sensing.strain_holder import StrainHolder, lever, tool_matrix
 from counterflex_lab.reproduce import holder_case
+from flange_wrench import idle_wrench
 
 N = 6
 Q: Float = np.radians([5.0, -80.0, 95.0, 10.0, 70.0, -20.0])

@@ -21,7 +21,6 @@ from counterflex.runtime.design.tracker import (
     lag_filter,
     margins,
     margins_of,
-    neighbours,
     notch_at,
     observer_gain,
     observer_response,
@@ -151,7 +150,7 @@ def test_a_design_keeps_its_margins_and_is_the_largest(
     plant = TrackerPlant(T, delay, w0, 0.5 * (1.0 / lag + 150.0) / w0, 2.0 * math.pi * mode, damping, share)
     goals = DesignGoals()
     gains = design(plant, goals)
-    robots = neighbours(plant, goals)
+    robots = goals.neighbours(plant)
     assert len(robots) == 9
     assert all(margins(robot, gains).meets(goals) for robot in robots)
     larger = TrackerGains(1.02 * gains.integral, 1.02 * gains.proportional, gains.notch)

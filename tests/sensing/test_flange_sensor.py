@@ -15,14 +15,8 @@ from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_el
 from counterflex.robot.model import catalog
 from counterflex.robot.model.description import EndEffector, Segment
 from counterflex.sensing.carrier import carrier_pose, carrier_to_tcp, hose_bodies, hose_rotation, mass_behind
-from counterflex.sensing.flange_sensor import (
-    FlangeSensor,
-    SensorMotion,
-    idle_wrench,
-    process_wrench,
-    tcp_wrench,
-    tensor,
-)
+from counterflex.sensing.flange_sensor import FlangeSensor, tensor
+from flange_wrench import SensorMotion, idle_wrench, process_wrench, tcp_wrench
 
 RNG = np.random.default_rng(5)
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from counterflex.geometry import pose, rotation
-from counterflex.sensing.flange_sensor import FlangeSensor, idle_wrench, tcp_wrench
+from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.sensing.wrench_kernel import idle, to_tcp
+from flange_wrench import idle_wrench, tcp_wrench
 
 DOWN = np.array([0.0, 0.0, -9.80665])
 

@@ -9,7 +9,7 @@ from scipy.signal import lsim
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.signals.lag import Lag, RecorderClock, coarse_shift
+from counterflex.signals.lag import Lag, coarse_shift
 
 STEP = 0.004
 LAGS = (Lag(0.03), Lag(0.02, 0.4), Lag(0.02, 1.0), Lag(0.02, 1.6))
@@ -57,16 +57,6 @@ def test_sensitivity_is_the_limit_of_differences(lag: Lag) -> None:
             central = (more - less) / (2.0 * step)
             errors.append(float(np.max(np.abs(central - row))))
         assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
-
-
-@given(
-    st.floats(-1e4, 1e4), st.floats(-1e-3, 1e-3), st.floats(-100.0, 100.0), st.lists(st.floats(-1e3, 1e3), min_size=1)
-)
-@settings(max_examples=50, deadline=None)
-def test_a_clock_is_undone(offset: float, drift: float, reference: float, times: list[float]) -> None:
-    clock = RecorderClock(offset, drift, reference)
-    t = np.array(times)
-    assert clock.instants(clock.stamps(t)) == pytest.approx(t, abs=1e-8)
 
 
 @pytest.mark.parametrize("shift", [-0.8, 0.0, 0.344, 12.0])

@@ -45,7 +45,6 @@ def write(add_in: AddIn, folder: Path) -> Path:
     """Write the script for this computer and return where it is.
 
     Args:
-        add_in: Whose.
         folder: Where to; made when missing.
 
     Raises:

@@ -169,15 +169,15 @@ def probe(seconds: float, folder: Path, progress: Progress = silent) -> tuple[Lo
                     process.join()
     if isinstance(message, BaseException):
         raise message
-    period, granted, timed = message
+    period, granted, (late_s, compute_s, echo_s) = message
     after = processor_times()
     machine = look()
     total = after[0] - before[0]
     samples = LoopSamples(
         period_s=period,
-        late_s=timed.late_s,
-        compute_s=timed.compute_s,
-        echo_s=timed.echo_s,
+        late_s=late_s,
+        compute_s=compute_s,
+        echo_s=echo_s,
         write_s=write_s,
         sync_s=sync_s,
         fifo=granted.fifo,

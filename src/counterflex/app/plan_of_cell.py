@@ -12,7 +12,6 @@ from counterflex.app.external_moves import refuse_places
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
-from counterflex.files.cell.tables import ToolTable
 from counterflex.files.plan_file import EXTERNAL_PLACES, WORKING_PLANE
 from counterflex.plan.plan import Plan
 from counterflex.robot.elasticity.chain import forward
@@ -89,7 +88,3 @@ def _differing(made: Cell, cell: Cell) -> tuple[str, str, str] | None:
     if apart_m > APART_M:
         return "the part lies elsewhere", f"{apart_m / MM:.0f} mm away", f"at most {APART_M / MM:g} mm"
     return None
-
-
-def _size(tool: ToolTable) -> str:
-    return f"diameter {tool.diameter_mm:g} mm, corner radius {tool.corner_radius_mm:g} mm"

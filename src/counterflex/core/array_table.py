@@ -17,7 +17,7 @@ and its shape. The arrays must stay where they are, so a table keeps them alive,
 from __future__ import annotations
 
 import ctypes
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numba
 import numpy as np
@@ -31,7 +31,6 @@ from counterflex.core.records import Record, Records, record, records
 
 ADDRESS: Final = record(place=int, rows=int, columns=int)
 """Where an array lies; 0 columns: one dimension."""
-Number = TypeVar("Number", bound=np.generic)
 
 
 def addresses(*names: str) -> np.dtype[np.record]:

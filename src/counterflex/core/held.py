@@ -43,7 +43,6 @@ def alone(
 
     Args:
         target: File that is edited; it need not be there, nor the folder that it lies in.
-        wait: Waits for so many s.
 
     Raises:
         OutputError: Another process holds it for longer than :data:`PATIENCE_S`.

@@ -93,14 +93,6 @@ class Cutter:
             return self.radius_m
         return self.radius_m - r + math.sqrt(r * r - (r - z_m) ** 2)
 
-    def height_at(self, rho_m: float) -> float:
-        """Height of the outline above the tip at a distance from the axis, m (the inverse of :meth:`radius_at`)."""
-        r = self.corner_radius_m
-        if not 0.0 <= rho_m <= self.radius_m:
-            raise InputError("distance from the axis is outside the cutter", value=rho_m, limit=f"0 to {self.radius_m}")
-        inside = rho_m - (self.radius_m - r)
-        return 0.0 if inside <= 0.0 else r - math.sqrt(max(0.0, r * r - inside * inside))
-
     @property
     def n_levels(self) -> int:
         """Number of axial levels of the engagement: 1 for a flat end mill, corner levels + 1 otherwise."""

@@ -45,4 +45,3 @@ class Workspace(NamedTuple):
 
 GRID: Final = bundle(StockGrid)
 SCRATCH: Final = bundle(Scratch)
-WORKSPACE: Final = bundle(Workspace)

@@ -42,11 +42,7 @@ class LatencyHistogram:
         self.largest = 0.0
 
     def add(self, times: Float) -> None:
-        """Count times (n,), finite.
-
-        Raises:
-            InputError: One is not a number or below zero.
-        """
+        """Count times (n,), finite. Raises InputError: one is not a number or below zero."""
         if len(times) == 0:
             return
         if not np.all(np.isfinite(times)) or np.min(times) < 0.0:

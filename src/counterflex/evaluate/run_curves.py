@@ -149,19 +149,8 @@ def curves_of(parts: Sequence[Float], *, planned: bool) -> RunCurves:
     )
 
 
-def sides_of(rows: Float) -> Float:
-    """(n, 2, 3) directions across the feed, to its left seen from the spindle, and along the tool, part axes.
-
-    Args:
-        rows: (n, WIDTH).
-    """
-    place = rows[:, [column(f"nominal_{axis}") for axis in "xyz"]]
-    tool = rows[:, [column(f"nominal_R{axis}2") for axis in range(3)]]
-    return _sides(rows[:, column("received_ns")], place, tool)
-
-
 def _sides(time_ns: Float, place: Float, tool: Float) -> Float:
-    """Directions of :func:`sides_of` from times, places and directions of the tool."""
+    """(n, 2, 3) directions across the feed, to its left seen from the spindle, and along the tool, part axes."""
     n = len(place)
     if n < 2:
         return np.stack([np.zeros((n, 3)), tool], axis=1)

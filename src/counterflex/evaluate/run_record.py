@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 
@@ -19,41 +19,21 @@ from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.state.supervisor import Cause, State
 
 _RECEIVED, _SENT, _ELAPSED = 1, 2, 3
+Kind = TypeVar("Kind")
 MOST_CHANGES: Final = 10_000
 _SOURCES: Final = 16  # sets of four sources
 _PAIR: Final = 4  # sets of two force sensors
 
 
 @dataclass(frozen=True)
-class RecordChange:
-    """A change of the supervisor's state."""
+class RecordChange(Generic[Kind]):
+    """A change of the supervisor's state, of the sources of the estimate, or of which of two force sensors is used."""
 
-    cycle: int  # first cycle in the new state, 1 is the loop's first
+    cycle: int  # first cycle of the change, 1 is the loop's first
     time_s: float  # since the first record
-    before: State  # state left
-    after: State  # state reached
-    cause: Cause  # as latched then
-
-
-@dataclass(frozen=True)
-class SourcesChange:
-    """A change of what the estimate rests on."""
-
-    cycle: int  # first cycle with the new sources
-    time_s: float  # since the first record
-    before: Source  # sources before
-    after: Source  # sources in the cycle
-    cause: Cause  # why one of the cell's is missing, or none
-
-
-@dataclass(frozen=True)
-class PairChange:
-    """A change of which of two force sensors is used."""
-
-    cycle: int  # first cycle of the change
-    time_s: float  # since the first record
-    before: int  # bits before: 1 flange sensor, 2 holder
-    after: int  # bits in the cycle
+    before: Kind
+    after: Kind
+    cause: Cause = Cause.NONE  # as latched then; of sources why one of the cell's is missing
 
 
 @dataclass(frozen=True)
@@ -69,18 +49,18 @@ class RunFigures:
     # cycles and seconds by state, in the order of State; states that were not met are left out
     states: dict[State, tuple[int, float]]
     causes: dict[Cause, int]  # cycles by cause of a hold or fault, most frequent first
-    changes: tuple[RecordChange, ...]  # the first MOST_CHANGES
+    changes: tuple[RecordChange[State], ...]  # the first MOST_CHANGES
     # from the return of the receive call to the return of the send call; None where nothing was answered
     reply: Percentiles | None
     largest_m: float  # largest correction that was sent, length of its translation
     largest_step_m: float  # largest change of it from one record to the next cycle's
     # cycles by what the estimate rested on, most frequent first; empty without an estimator
     sources: dict[Source, int] = field(default_factory=dict)
-    sources_changes: tuple[SourcesChange, ...] = ()  # the first MOST_CHANGES changes of it
+    sources_changes: tuple[RecordChange[Source], ...] = ()  # the first MOST_CHANGES changes of it
     process: ProcessFigures | None = None  # what process monitoring found
     # cycles by the force sensors of two that were used; empty where there is one or none
     pair: dict[int, int] = field(default_factory=dict)
-    pair_changes: tuple[PairChange, ...] = ()  # the first MOST_CHANGES changes of that
+    pair_changes: tuple[RecordChange[int], ...] = ()  # the first MOST_CHANGES changes of that
 
 
 class RunRecord:
@@ -97,12 +77,12 @@ class RunRecord:
         self._cycles: Int = np.zeros(len(State), dtype=np.int64)
         self._times: Float = np.zeros(len(State))
         self._causes: Int = np.zeros(len(Cause), dtype=np.int64)
-        self._changes: list[RecordChange] = []
+        self._changes: list[RecordChange[State]] = []
         self._process = ProcessRecord()
         self._sources: Int = np.zeros(_SOURCES, dtype=np.int64)
-        self._sources_changes: list[SourcesChange] = []
+        self._sources_changes: list[RecordChange[Source]] = []
         self._pair: Int = np.zeros(_PAIR, dtype=np.int64)
-        self._pair_changes: list[PairChange] = []
+        self._pair_changes: list[RecordChange[int]] = []
         self._reply: list[Float] = []
         self._classes: LatencyHistogram | None = None
         self._last: Float | None = None
@@ -255,14 +235,14 @@ class RunRecord:
         pair = rows[:, record.column("pair_used")].astype(np.int64)
         for k in np.flatnonzero(np.diff(pair))[: MOST_CHANGES - len(self._pair_changes)]:
             cycle, time_s = int(rows[k + 1, record.CYCLE]), (float(rows[k + 1, _RECEIVED]) - self._begin) * 1e-9
-            self._pair_changes.append(PairChange(cycle, time_s, int(pair[k]), int(pair[k + 1])))
+            self._pair_changes.append(RecordChange(cycle, time_s, int(pair[k]), int(pair[k + 1])))
         sources = rows[:, record.column("out_sources")].astype(np.int64)
         for k in np.flatnonzero(np.diff(sources)):
             if len(self._sources_changes) >= MOST_CHANGES:
                 break
             row = rows[k + 1]
             self._sources_changes.append(
-                SourcesChange(
+                RecordChange(
                     int(row[record.CYCLE]),
                     (float(row[_RECEIVED]) - self._begin) * 1e-9,
                     Source(int(sources[k])),

@@ -15,7 +15,6 @@ from counterflex.files.schema import Table, check_header, parse
 KIND: Final = "counterflex-benchmark-result"
 VERSION: Final = 1
 NAME: Final = "CF-1"
-METHODS: Final = ("uncompensated", "catalogue", "identified", "corrected", "online")
 
 
 class Characteristic(NamedTuple):

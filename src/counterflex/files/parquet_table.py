@@ -29,6 +29,15 @@ class Column:
     unit: float = 1.0  # SI value of one file unit
     whole: bool = False
 
+    def values(self, data: Any) -> Any:
+        """Values of an object in the unit of the file."""
+        values = data
+        for name in self.field.split("."):
+            values = getattr(values, name)
+        if self.index is not None:
+            values = values[:, self.index]
+        return np.asarray(values, dtype=np.int64) if self.whole else np.asarray(values, dtype=np.float64) / self.unit
+
 
 def columns(names: str, field: str, unit: float = 1.0) -> tuple[Column, ...]:
     """Columns for the components of one attribute, names separated by spaces."""
@@ -44,16 +53,7 @@ def write(path: Path, kind: str, version: int, layout: tuple[Column, ...], data:
 
 def table(layout: tuple[Column, ...], data: Any) -> pl.DataFrame:
     """The attributes of ``data`` as a table in shop units, one column each as ``layout`` names them."""
-    return pl.DataFrame({column.name: _values(data, column) for column in layout})
-
-
-def _values(data: Any, column: Column) -> Any:
-    values = data
-    for name in column.field.split("."):
-        values = getattr(values, name)
-    if column.index is not None:
-        values = values[:, column.index]
-    return np.asarray(values, dtype=np.int64) if column.whole else np.asarray(values, dtype=np.float64) / column.unit
+    return pl.DataFrame({column.name: column.values(data) for column in layout})
 
 
 def read(

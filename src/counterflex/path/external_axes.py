@@ -108,7 +108,6 @@ def places_of(
     """Places that changes lead to.
 
     Args:
-        axes: All axes.
         at: Value at the begin of the program by number, mm or deg.
         changes: In their order.
         T_zero_part: See :class:`ExternalPlaces`.

@@ -42,11 +42,8 @@ from counterflex.plan.static_correction import (
     Command,
     LoadedRobot,
     check_corrections,
-    command_against,
     lasting,
     loaded_robot,
-    shaped,
-    size_about,
     static_correction,
 )
 from counterflex.plan.stock_grain import fine_enough, grain_per_cell
@@ -267,21 +264,21 @@ def dynamic_trial(
         return command, trial
     remaining = trial.deviation_part
     unfinished = ~chattering(loaded, remaining, _cuts(loaded))
-    left, allowed = size_about(loaded, remaining), _MUCH**4 * size_about(loaded, displacement)
+    left, allowed = loaded.size_about(remaining), _MUCH**4 * loaded.size_about(displacement)
     for done in range(_MENDS):
         if not np.any(unfinished):
             break
         change = _SHARE * _correctable(loaded, _blended(loaded, unfinished) * remaining)
         reported = share_of(parts[MENDED], 0.0 if done == 0 else 1.0, 1.0)  # the further ones are seldom
-        next_trial = _tried(loaded, command_against(loaded, displacement + change), reported)
-        size = size_about(loaded, next_trial.deviation_part)
+        next_trial = _tried(loaded, loaded.command_against(displacement + change), reported)
+        size = loaded.size_about(next_trial.deviation_part)
         better = unfinished & (size <= left)
         displacement = displacement + _blended(loaded, better) * change
         remaining = np.where(better[:, None], next_trial.deviation_part, remaining)
         trial = Trial(remaining, np.where(better, next_trial.cutting, trial.cutting))
         left = np.where(better, size, left)
         unfinished = better & (left > allowed)
-    return command_against(loaded, displacement), trial
+    return loaded.command_against(displacement), trial
 
 
 def _cuts(loaded: LoadedRobot) -> Int:
@@ -307,7 +304,7 @@ def _correctable(loaded: LoadedRobot, deviation: Float) -> Float:
     left = deviation if setting.orientation else np.pad(deviation[:, :3], ((0, 0), (0, 3)))
     if setting.normal_only:
         left = np.concatenate([across(left[:, :3], path.p_part_tcp), left[:, 3:]], axis=1)
-    return shaped(loaded, left, np.zeros_like(left))
+    return loaded.shaped(left, np.zeros_like(left))
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,6 +59,13 @@ class LimitedFeed:
     lines: tuple[LimitedLine, ...]  # that were slowed down or stay beyond a limit, in order
     extra_s: float  # time that it costs
 
+    @property
+    def way_m(self) -> Float:
+        """(n,) m, length of the path up to each point."""
+        p = self.path.p_part_tcp
+        out: Float = np.cumsum(np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1))
+        return out
+
 
 def known(limits: ProcessLimits) -> bool:
     """Return whether any limit is known that a feed can keep."""

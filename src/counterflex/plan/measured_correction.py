@@ -93,7 +93,7 @@ def with_measured(
     before, driven = _measured(plan), _driven(plan, loaded, further_m)
     lead = lead_s(time_s, run, loaded.cut.contact)
     ahead = earlier(further_m - driven, time_s, run, np.full(len(time_s), LEAD_S)) + earlier(driven, time_s, run, lead)
-    change = -static_correction.shaped(loaded, np.pad(ahead, ((0, 0), (0, 3))), np.zeros((len(ahead), 6)))[:, :3]
+    change = -loaded.shaped(np.pad(ahead, ((0, 0), (0, 3))), np.zeros((len(ahead), 6)))[:, :3]
     change, turn = static_correction.held_in_holes(inputs.path, loaded.cut.contact, change, plan.rotvec_part)
     size = np.linalg.norm(change, axis=1)
     row = int(np.argmax(size))

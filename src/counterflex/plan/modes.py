@@ -190,7 +190,6 @@ def kinetic_shares(chain: ElasticChain, q: Float, shapes: Float) -> Float:
     """Share of each body in the kinetic energy of modes.
 
     Args:
-        chain: Masses.
         q: (6,) rad.
         shapes: (n, m) of :func:`modes`.
 

@@ -56,7 +56,6 @@ class ProcessLimits:
         """Bending of the tool at its tip under a force there, m; zero where the overhang is not known.
 
         Args:
-            diameter_m: Of the cutter.
             force_n: Square to the tool axis.
         """
         if self.overhang_m is None:

@@ -122,6 +122,38 @@ class LoadedRobot:
     reach: Bool  # (n,) rows where shaping may leave a correction
     held: Int  # (k,) rows of stops of planning that keep the correction of the row before
 
+    def shaped(self, displacement: Float, swinging: Float) -> Float:
+        """A displacement (n, 6) as the controller has to be told it in time, zero away from the cut.
+
+        Args:
+            displacement: (n, 6) m, rad that follow the command at once.
+            swinging: (n, 6) that follow it as the mode does.
+        """
+        time_s, robot = self.inputs.path.time_s, self.robot
+        requested = np.where(self.near[:, None], displacement, 0.0)
+        out = by_group(requested, swinging, time_s, self.feed_run, (robot.mode,), robot.setting.shaping)
+        out[~self.reach] = 0.0
+        # A stop that is left out keeps the correction with which the cut ended.
+        out[self.held] = out[self.held - 1]
+        return out
+
+    def command_against(self, displacement: Float) -> Command:
+        """The command that takes back a displacement (n, 6), as far as the setting lets it."""
+        inputs, setting = self.inputs, self.inputs.setting
+        correction = 0.0 - displacement[:, :3]
+        if setting.normal_only:
+            correction = across(correction, inputs.path.p_part_tcp)
+        turn = 0.0 - displacement[:, 3:] if setting.orientation else np.zeros_like(correction)
+        correction, turn = held_in_holes(inputs.path, self.cut.contact, correction, turn)
+        q = corrected_joints(setting.controller_chain, self.robot.relative, inputs.q, correction, turn)
+        return Command(correction, turn, q)
+
+    def size_about(self, deviation: Float) -> Float:
+        """(n,) m^4, mean fourth power of a deviation across the path in contact, :data:`_WINDOW_S` about each row."""
+        path = self.inputs.path
+        square = np.sum(across(deviation[:, :3], path.p_part_tcp) ** 2, axis=1)
+        return lasting(np.where(self.cut.contact, square**2, 0.0)[:, None], path.time_s, _WINDOW_S)[:, 0]
+
 
 @dataclass(frozen=True, eq=False)
 class Command:
@@ -168,35 +200,6 @@ def _held(inputs: CompensationInputs, deflection_part: Float, near: Bool) -> Int
     return out
 
 
-def shaped(loaded: LoadedRobot, displacement: Float, swinging: Float) -> Float:
-    """A displacement (n, 6) as the controller has to be told it in time, zero away from the cut.
-
-    Args:
-        loaded: Where corrections are wanted, and the mode.
-        displacement: (n, 6) m, rad that follow the command at once.
-        swinging: (n, 6) that follow it as the mode does.
-    """
-    time_s, robot = loaded.inputs.path.time_s, loaded.robot
-    requested = np.where(loaded.near[:, None], displacement, 0.0)
-    out = by_group(requested, swinging, time_s, loaded.feed_run, (robot.mode,), robot.setting.shaping)
-    out[~loaded.reach] = 0.0
-    # A stop that is left out keeps the correction with which the cut ended.
-    out[loaded.held] = out[loaded.held - 1]
-    return out
-
-
-def command_against(loaded: LoadedRobot, displacement: Float) -> Command:
-    """The command that takes back a displacement (n, 6), as far as the setting lets it."""
-    inputs, setting = loaded.inputs, loaded.inputs.setting
-    correction = 0.0 - displacement[:, :3]
-    if setting.normal_only:
-        correction = across(correction, inputs.path.p_part_tcp)
-    turn = 0.0 - displacement[:, 3:] if setting.orientation else np.zeros_like(correction)
-    correction, turn = held_in_holes(inputs.path, loaded.cut.contact, correction, turn)
-    q = corrected_joints(setting.controller_chain, loaded.robot.relative, inputs.q, correction, turn)
-    return Command(correction, turn, q)
-
-
 def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, Command]:
     """The correction of a robot that comes to rest in every row.
 
@@ -216,15 +219,15 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
     least, before = np.full(len(lost), np.inf), np.zeros_like(lost)
     for done in range(_PLAY_ROUNDS):
         progress((done + 1.0) / (_PLAY_ROUNDS + 1.0))
-        command = command_against(loaded, shaped(loaded, static + lost, loaded.swinging_part))
+        command = loaded.command_against(loaded.shaped(static + lost, loaded.swinging_part))
         change = np.pad(lost_motion(robot, command.q, w), no_turn) - lost
-        size = size_about(loaded, change)
+        size = loaded.size_about(change)
         onward = np.sum(change * before, axis=1, keepdims=True) > 0.0
         estimate = np.where(onward, lost + change, lost)
         kept, least = np.where((size < least)[:, None], estimate, kept), np.minimum(size, least)
         lost, before = lost + np.where(onward, 1.0, share_of_round(done)) * change, change
-    displacement = shaped(loaded, static + kept, loaded.swinging_part)
-    command = command_against(loaded, displacement)
+    displacement = loaded.shaped(static + kept, loaded.swinging_part)
+    command = loaded.command_against(displacement)
     progress(1.0)
     return displacement, command
 
@@ -234,20 +237,12 @@ def share_of_round(done: int) -> float:
     return 1.0 / (1.5 + 0.5 * done)
 
 
-def size_about(loaded: LoadedRobot, deviation: Float) -> Float:
-    """(n,) m^4, mean fourth power of a deviation across the path in contact, over :data:`_WINDOW_S` about each row."""
-    path = loaded.inputs.path
-    square = np.sum(across(deviation[:, :3], path.p_part_tcp) ** 2, axis=1)
-    return lasting(np.where(loaded.cut.contact, square**2, 0.0)[:, None], path.time_s, _WINDOW_S)[:, 0]
-
-
 def lasting(values: Float, time_s: Float, window_s: float) -> Float:
     """Mean of a signal over a window about each row, less at the ends.
 
     Args:
         values: (n, k).
         time_s: (n,) s, not decreasing, longer than nothing.
-        window_s: Length of the window, s.
 
     Returns:
         (n, k).

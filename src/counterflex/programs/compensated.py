@@ -227,11 +227,7 @@ def job_number(job: str) -> int:
 
 
 def refuse_compensated(program: Program) -> None:
-    """Refuse a program that carries the mark of a plan.
-
-    Raises:
-        InputError: It is compensated already.
-    """
+    """Refuse a program that carries the mark of a plan. Raises InputError: it is compensated already."""
     carried = marks("\n".join(program.lines))
     if carried:
         raise InputError(

@@ -173,11 +173,7 @@ def parse(text: str, grammar: Grammar, start: int = 0) -> tuple[Node, int]:
 
 
 def parse_whole(text: str, grammar: Grammar) -> Node:
-    """Parse a text that is one expression.
-
-    Raises:
-        ExpressionError: It is not, or something follows.
-    """
+    """Parse a text that is one expression. Raises ExpressionError: it is not, or something follows."""
     node, end = parse(text, grammar)
     if text[end:].strip():
         raise ExpressionError(f"{text[end:].strip()[:20]} follows the expression", end)

@@ -146,11 +146,7 @@ class Language:
 
 
 def object_at(place: Place) -> Any:
-    """Return the object at a place of a language, imported now.
-
-    Raises:
-        InputError: It cannot be imported.
-    """
+    """Return the object at a place of a language, imported now. Raises InputError: it cannot be imported."""
     if not isinstance(place, str):
         return place
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -44,9 +44,6 @@ class GcodeText:
     largest_dwell_error_m: float
     # Largest correction of orientation, which G-code without rotary axes cannot say
     largest_dropped_rotation_rad: float
-
-
-M = TypeVar("M", bound="MachineInPlace")
 
 
 class MachineInPlace(ABC):

@@ -12,8 +12,6 @@ ByteRows = np.ndarray[tuple[int, int], np.dtype[np.uint8]]
 """One datagram in a row."""
 
 _POWERS: Float = np.array([10.0**k for k in range(23)])
-LARGEST = 1.0e15
-"""Magnitude beyond which a number is refused, reading and writing."""
 
 
 @kernel("Tuple((float64, int64))(uint8[::1], int64, int64)")

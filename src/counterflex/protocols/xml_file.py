@@ -15,11 +15,7 @@ _HINT: Final = "Give the XML file as the maker's software writes it"
 
 
 def xml_root(text: bytes, where: str) -> Element:
-    """Root element of an XML text.
-
-    Raises:
-        FileFormatError: Not XML, or with entities.
-    """
+    """Root element of an XML text. Raises FileFormatError: not XML, or with entities."""
     with readable(where, "XML"):
         try:
             root: Element = fromstring(text)

@@ -25,11 +25,7 @@ class AxisGains:
     most_rad: float = 1e-3  # largest angle that the controller adds; what would go beyond it is not summed up either
 
     def __post_init__(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A gain is negative or no number, or the limit is not above 0.
-        """
+        """Check ranges. Raises InputError: a gain is negative or no number, or the limit is not above 0."""
         for name in ("proportional", "integral_per_s", "derivative_s", "filter_s"):
             as_positive(f"PID of an axis: {name}", getattr(self, name), zero=True)
         as_positive("PID of an axis: most_rad", self.most_rad)
@@ -60,11 +56,7 @@ class AxisGains:
 
 
 def six(gains: tuple[AxisGains, ...]) -> tuple[AxisGains, ...]:
-    """The gains, one per axis.
-
-    Raises:
-        InputError: They are not six.
-    """
+    """The gains, one per axis. Raises InputError: they are not six."""
     if len(gains) != AXES:
         raise InputError("PID per axis: controllers", value=len(gains), limit=f"{AXES}, one for each axis")
     return gains
@@ -74,7 +66,6 @@ def require_usable(gains: tuple[AxisGains, ...], output: str, tracker: str, *, a
     """Refuse controllers of the axes beside what would work against them or make their margins others.
 
     Args:
-        gains: Of the axes.
         output: Name of how corrections are sent.
         tracker: Name of what is done with a tracker.
         axis_play: Whether the play of the gears is added to the axis corrections.

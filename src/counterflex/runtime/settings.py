@@ -293,11 +293,7 @@ def force_delay(settings: OnlineSettings) -> float:
 
 
 def per_direction(name: str, gain: Gain) -> tuple[float, float, float]:
-    """Gains along the feed, across it and along the tool of one number or three.
-
-    Raises:
-        InputError: Neither.
-    """
+    """Gains along the feed, across it and along the tool of one number or three. Raises InputError: neither."""
     if isinstance(gain, int | float):
         return (float(gain),) * 3
     if len(gain) != 3:

@@ -64,7 +64,6 @@ def kalman_observer(
     Args:
         K: (n, 3) 1/N strain per force.
         noise_covariance: (n, n) of one sample.
-        step_s: Sampling time, s.
         slew_n: Standard deviation of the force's change over one second of random walk, N; one or (3,).
         wander: (n,) standard deviation of each zero's walk over one second; None has no zeros in the state. With more
             bridges than forces it separates what no force can explain; the rest of the zeros must be taken in air.

@@ -1,7 +1,6 @@
 """The flange sensor's reading as process wrench at the TCP, compiled for the online loop: one sample, no allocation.
 
-The same equations as :func:`counterflex.sensing.flange_sensor.tcp_wrench`, with the constants of
-:meth:`~counterflex.sensing.flange_sensor.FlangeSensor.record`.
+Constants are those of :meth:`counterflex.sensing.flange_sensor.FlangeSensor.record`.
 """
 
 from __future__ import annotations

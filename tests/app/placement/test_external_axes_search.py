@@ -62,7 +62,7 @@ def test_a_candidate_is_seen_as_the_cell_file_with_its_values(tmp_path: Path) ->
     """Frame of the program and bodies on the floor are those of a cell that is read anew."""
     program, file = written(tmp_path)
     _, cell, task = placement.task_of(program, read_cell(file), AS_IT_IS, "both")
-    frame = ProgramInCell(cell, placement.middle_of(task))
+    frame = ProgramInCell(cell, task.middle_of_cut)
     place = frame.here.copy()
     np.testing.assert_allclose(frame.seen(place).T_base_standing, cell.T_base_part, atol=1e-12)
     place[4:] = [-300.0 * MM, 25.0 * DEG]

@@ -14,7 +14,6 @@ from counterflex.app.inputs import AS_IT_IS, read_job
 from counterflex.app.placement import operations_job, placement
 from counterflex.app.placement.operations import per_operation
 from counterflex.app.placement.region import Wish
-from counterflex.app.placement.whole_program import placed_cell
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import read_cell
@@ -90,7 +89,7 @@ def test_each_operation_stands_where_it_costs_least(tmp_path: Path) -> None:
     assert whole["error_um"] * 1e-6 <= 1.005 * mean(errors.min(axis=1))
     assert whole["error_um"] * 1e-6 < 0.97 * min(mean(column) for column in errors.T)
     assert whole["moves"] == 1
-    cell = placed_cell(given.cell, done)
+    cell = done.placed_cell(given.cell)
     axis = cell.tables.external_axes[0]
     assert [axis.shown, axis.moves[0][2]] == [row["E1"] for row in rows]
     written = compensate(program, cell, predict=False, language="krl")

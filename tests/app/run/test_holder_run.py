@@ -133,4 +133,3 @@ def test_holder_force_through_a_tool_change(tmp_path: Path) -> None:
     assert np.max(np.abs(np.array(seen.correction)[between])) < 1e-8
     assert {seen.tool[k] for k in np.flatnonzero(cut[: changes[1]])} == {1}
     assert {seen.tool[changes[2] + k] for k in np.flatnonzero(cut[changes[2] :])} == {2}
-    assert link.out_of_order() == ["bridge 3 broken"]

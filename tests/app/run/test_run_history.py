@@ -18,7 +18,7 @@ from counterflex.app.run_history.logged_run import RunOfHistory, _share, read_ru
 from counterflex.app.run_history.pages import compare, page
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.records import records
-from counterflex.evaluate.run_curves import LEAST_RUNS, sides_of, trend
+from counterflex.evaluate.run_curves import LEAST_RUNS, curves_of, needed_of, trend
 from counterflex.protocols.processes.snapshot_layout import SNAPSHOT
 from counterflex.runtime.record_ring import column
 from straight_cut_log import rows_of, write
@@ -52,7 +52,7 @@ def test_directions_are_those_of_the_panel_on_a_circle() -> None:
     first = column("nominal_R00")
     shots["nominal"] = rows[:, first : first + 12]
     theirs = FeedFrame().rows(shots)[:, 1:]
-    ours = sides_of(rows)
+    ours = curves_of([needed_of(rows)], planned=False).sides
     inside = slice(20, -20)  # at the ends the direction is taken from one side
     assert np.allclose(ours[inside], theirs[inside], atol=0.01)  # they look back one cycle: 3 mrad
     outward = np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -91,7 +91,7 @@ def test_the_range_is_the_cell_file_s_else_the_calibration_s_and_never_beyond_th
         link.start()
         peer = sensor.recvfrom(100)[1]
         counts = (0, 0, round(shown * COUNTS), 0, 0, 0)
-        sensor.sendto(netft.write_record(netft.NetftRecord(1, 1, netft.GOOD, counts)), peer)
+        sensor.sendto(netft.NetftRecord(1, 1, netft.GOOD, counts).written(), peer)
         assert link.drain() == 1
         assert link.saturated == saturated
     finally:

@@ -20,22 +20,14 @@ SPEEDS = np.array([1.8, 1.7, 1.9, 3.0, 2.5, 3.8])
 LIMITS = np.stack([-np.full(6, 3.2), np.full(6, 3.2)], axis=1)
 
 
-def travel_s(q: Float, speeds_rad_s: Float, start: Float | None = None) -> float:
-    """Time of travel through poses: of each move the slowest axis at full speed, plus :data:`STOP_S`.
-
-    Args:
-        q: (n, 6) rad, in order.
-        speeds_rad_s: (6,) rad/s.
-        start: (6,) rad, where the robot comes from; None starts at the first pose.
-    """
-    way = q if start is None else np.vstack([start, q])
-    moves = np.max(np.abs(np.diff(way, axis=0)) / speeds_rad_s, axis=1)
+def travel_s(q: Float, speeds_rad_s: Float) -> float:
+    """Time of travel through poses (n, 6) rad: of each move the slowest axis at full speed, plus :data:`STOP_S`."""
+    moves = np.max(np.abs(np.diff(q, axis=0)) / speeds_rad_s, axis=1)
     return float(np.sum(moves + STOP_S * (moves > 0.0)))
 
 
-def _cost(q: Float, start: Float) -> float:
-    way = np.vstack([start, q])
-    moves = np.diff(way, axis=0)
+def _cost(q: Float) -> float:
+    moves = np.diff(q, axis=0)
     time = np.max(np.abs(moves) / SPEEDS, axis=1)
     return float(np.sum(time + STOP_S * (time > 0)) + REVERSAL_S * np.sum(moves < 0.0))
 
@@ -43,11 +35,11 @@ def _cost(q: Float, start: Float) -> float:
 @pytest.mark.parametrize("seed", range(8))
 def test_as_good_as_trying_all(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    q, start = rng.uniform(-1.5, 1.5, (7, 6)), rng.uniform(-1.5, 1.5, 6)
-    order = order_of_poses(q, SPEEDS, start=start)
-    best = min(_cost(q[list(p)], start) for p in itertools.permutations(range(7)))
+    q = rng.uniform(-1.5, 1.5, (7, 6))
+    order = order_of_poses(q, SPEEDS)
+    best = min(_cost(q[list(p)]) for p in itertools.permutations(range(7)))
     assert sorted(order.tolist()) == list(range(7))
-    assert _cost(q[order], start) <= 1.06 * best
+    assert _cost(q[order]) <= 1.06 * best
 
 
 def test_shorter_and_fewer_reversals_than_as_given() -> None:
@@ -56,9 +48,6 @@ def test_shorter_and_fewer_reversals_than_as_given() -> None:
     order = order_of_poses(q, SPEEDS)
     assert travel_s(q[order], SPEEDS) < 0.8 * travel_s(q, SPEEDS)
     assert wrong_sides(q[order]).sum() < 0.8 * wrong_sides(q).sum()
-    short = order_of_poses(q, SPEEDS, reversal_s=0.0)
-    assert travel_s(q[short], SPEEDS) < travel_s(q[order], SPEEDS)
-    assert wrong_sides(q[order]).sum() < wrong_sides(q[short]).sum()
 
 
 def test_one_axis_is_swept_in_the_wanted_direction() -> None:
@@ -68,16 +57,7 @@ def test_one_axis_is_swept_in_the_wanted_direction() -> None:
     up = order_of_poses(q, SPEEDS)
     assert np.all(np.diff(q[up, 0]) > 0.0)
     assert not np.any(wrong_sides(q[up]))
-    down = order_of_poses(q, SPEEDS, side=np.array([-1.0, 1, 1, 1, 1, 1]))
-    assert np.all(np.diff(q[down, 0]) < 0.0)
-
-
-def test_weightless_axes_do_not_count() -> None:
-    rng = np.random.default_rng(22)
-    q = rng.uniform(-1.0, 1.0, (30, 6))
-    only = np.array([1.0, 0, 0, 0, 0, 0])
-    order = order_of_poses(q, SPEEDS, weight=only, reversal_s=5.0)
-    assert wrong_sides(q[order])[:, 0].sum() < 0.4 * wrong_sides(q[order_of_poses(q, SPEEDS)])[:, 1:].sum() / 5.0
+    assert np.all(wrong_sides(q[up[::-1]])[1:, 0])
 
 
 def test_repeats_stay_together() -> None:
@@ -93,5 +73,3 @@ def test_refusals() -> None:
     q = np.zeros((3, 6))
     with pytest.raises(InputError, match="speed"):
         order_of_poses(q, np.zeros(6))
-    with pytest.raises(InputError, match="side"):
-        wrong_sides(q, side=np.full(6, 0.5))

@@ -28,12 +28,13 @@ from counterflex.identify.payload.recipe import RECIPE
 from counterflex.identify.payload.residuals import Knowledge, SensorEffects, SensorReadings, parameters, sensor_of
 from counterflex.identify.recipe import Identification
 from counterflex.sensing.carrier import carrier_pose, mass_behind
-from counterflex.sensing.flange_sensor import FlangeSensor, SensorMotion, idle_wrench
+from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.laboratory.sensor_motion import measure as swing
 from counterflex.twin.laboratory.sensor_poses import measure
 from counterflex.twin.plant.force_sensor import force_sensor
 from derivative_check import convergence_order
+from flange_wrench import SensorMotion, idle_wrench
 
 CELL = "examples/cells/kr300_d16_small.toml"
 SIGMA = np.r_[np.full(3, 0.2), np.full(3, 0.02)]

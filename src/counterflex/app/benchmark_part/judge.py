@@ -33,7 +33,7 @@ class BenchmarkConditions:
     """Person, robot and method that milled the part."""
 
     laboratory: str
-    method: str  # One of :data:`counterflex.files.benchmark_result.METHODS`
+    method: str  # How its program was made: `corrected`, `online`, ...
     robot: str | None = None  # Name; None: that of the cell
     material: str | None = None  # Name; None: that of the cell
 

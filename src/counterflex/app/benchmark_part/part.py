@@ -42,11 +42,7 @@ _STEP: Final = re.compile(r"([MLlmhvz])|(-?\d*\.?\d+)")
 
 
 def pdf_of(svg: str) -> bytes:
-    """The page.
-
-    Raises:
-        InputError: An element that is not known here.
-    """
+    """The page. Raises InputError: an element that is not known here."""
     root: Element = fromstring(svg)
     _, _, wide, high = (float(word) for word in root.attrib["viewBox"].split())
     scale = 1.0 / POINT_MM

@@ -241,9 +241,8 @@ def prediction(
 
 
 def _feed(limited: LimitedFeed) -> FeedData:
-    path = limited.path
-    way = np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1))
-    return FeedData(way, limited.programmed_m_s, np.where(path.kind == FEED, path.feed_m_s, np.nan), limited.binds)
+    feed_m_s = np.where(limited.path.kind == FEED, limited.path.feed_m_s, np.nan)
+    return FeedData(limited.way_m, limited.programmed_m_s, feed_m_s, limited.binds)
 
 
 def _errors(plan: Plan, prediction: dict[str, Any]) -> dict[str, Any]:

@@ -30,7 +30,6 @@ from counterflex.files.identification_file import (
     figure_rows,
     fit_table,
     parameter_rows,
-    plain_json,
     write_identification,
 )
 from counterflex.files.shop_unit import unit_of_name
@@ -323,12 +322,6 @@ def run(
         )
         parts[WRITING](1.0)
     return result
-
-
-def plain(result: Mapping[str, Any]) -> dict[str, Any]:
-    """A result as JSON has it: no arrays, no numbers that are not finite."""
-    values: dict[str, Any] = plain_json(result)
-    return values
 
 
 def _described(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:

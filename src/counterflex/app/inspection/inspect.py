@@ -21,7 +21,6 @@ from counterflex.files.tool_path_file import LoggedPath, write_tool_path
 DEVIATIONS: Final = "deviations.parquet"
 TOOL_PATH: Final = "tool-path.parquet"
 REPORT: Final = "report.html"
-SUMMARY: Final = "summary.json"
 
 
 def run(

@@ -93,14 +93,7 @@ def task_of(
 
 def frame_of(task: PostureTask, cell: Cell) -> ProgramInCell:
     """Return where a program may be: by the middle of what is cut, or by the tip of a spindle that stands."""
-    return ProgramInCell(cell, np.zeros(3) if cell.holds_part else middle_of(task))
-
-
-def middle_of(task: PostureTask) -> Float:
-    """(3,) m, middle of what is cut, in the frame of the program."""
-    p = task.cut.p_part[task.cut.weight_m > 0.0]
-    out: Float = 0.5 * (p.min(axis=0) + p.max(axis=0))
-    return out
+    return ProgramInCell(cell, np.zeros(3) if cell.holds_part else task.middle_of_cut)
 
 
 def placement_of(

@@ -30,6 +30,26 @@ class Divided:
     moves: dict[str, list[AxisMove]]  # Of the axes along the program, by name
     summary: dict[str, Any]  # In shop units: the operations, and the error of all of them
 
+    def placed_cell(self, cell: Cell) -> Cell:
+        """The cell with the chosen places, as its cell file will be read."""
+        axes = []
+        for axis in cell.tables.external_axes:
+            unit, moves = "mm" if axis.kind == "linear" else "deg", self.moves.get(axis.name, [])
+            axes.append(axis.model_copy(update={
+                f"at_{unit}": self.stand.axes[axis.name],
+                f"moves_{unit}": tuple((round(one.from_mm, 3), round(one.to_mm, 3), one.value) for one in moves),
+                "moves_at_mm": tuple((one.point_mm[0], one.point_mm[1], one.point_mm[2]) for one in moves),
+            }))  # fmt: skip
+        shoulder, elbow, wrist = self.branch.split()
+        posture = cell.tables.posture.model_copy(update={
+            "shoulder": shoulder, "elbow": elbow, "wrist": wrist, "turning_mm_deg": (), "turning_at_mm": (),
+            "rotation_about_tool_deg": self.rotation_rad / DEG,
+        })  # fmt: skip
+        part = cell.part.model_copy(update=dict(self.stand.part))
+        tables = cell.tables.model_copy(update={"external_axes": tuple(axes), "posture": posture, "part": part})
+        made = resolve(tables, cell.path, assume_class=cell.class_stiffness is not None)
+        return replace(made, R_part_plane=cell.R_part_plane, tool_turns=cell.tool_turns)
+
 
 class PlacesFault(Exception):
     """A program cannot be run with its places.
@@ -43,34 +63,13 @@ class PlacesFault(Exception):
         self.place, self.reason = place, reason
 
 
-def placed_cell(cell: Cell, divided: Divided) -> Cell:
-    """The cell with the places of a choice, as its cell file will be read."""
-    axes = []
-    for axis in cell.tables.external_axes:
-        unit, moves = "mm" if axis.kind == "linear" else "deg", divided.moves.get(axis.name, [])
-        axes.append(axis.model_copy(update={
-            f"at_{unit}": divided.stand.axes[axis.name],
-            f"moves_{unit}": tuple((round(one.from_mm, 3), round(one.to_mm, 3), one.value) for one in moves),
-            "moves_at_mm": tuple((one.point_mm[0], one.point_mm[1], one.point_mm[2]) for one in moves),
-        }))  # fmt: skip
-    shoulder, elbow, wrist = divided.branch.split()
-    posture = cell.tables.posture.model_copy(update={
-        "shoulder": shoulder, "elbow": elbow, "wrist": wrist, "turning_mm_deg": (), "turning_at_mm": (),
-        "rotation_about_tool_deg": divided.rotation_rad / DEG,
-    })  # fmt: skip
-    part = cell.part.model_copy(update=dict(divided.stand.part))
-    tables = cell.tables.model_copy(update={"external_axes": tuple(axes), "posture": posture, "part": part})
-    made = resolve(tables, cell.path, assume_class=cell.class_stiffness is not None)
-    return replace(made, R_part_plane=cell.R_part_plane, tool_turns=cell.tool_turns)
-
-
 def require_runs(program: str | Path, cell: Cell, divided: Divided, reading: Reading) -> None:
     """Refuse places with which the whole program cannot be run: reach, limits, singularities, bodies, moves included.
 
     Raises:
         Fault: It cannot; says where.
     """
-    there = placed_cell(cell, divided)
+    there = divided.placed_cell(cell)
     job = read_job(program, there, reading=reading, may_move=True)
     setting, path = setting_of(there, job), job.machined
     line: Int = job.line_of_motion[path.motion]

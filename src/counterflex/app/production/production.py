@@ -36,13 +36,14 @@ from counterflex.files.identification_file import parameter_rows, write_identifi
 from counterflex.files.plan_file import read_plan
 from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE, SensorAccuracy
 from counterflex.identify.cutting.force_forms import NAMES
+from counterflex.identify.cutting.steady_cuts import Cutting
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.production import TITLE
 from counterflex.identify.production.alignment import PlannedCut
 from counterflex.identify.production.constants import ConstantEstimate, find, reference_m
 from counterflex.identify.production.drift import ForceDrift, RunFactor, drift, run_factor
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
-from counterflex.identify.production.stretches import StretchChoice, joined, stretches_of
+from counterflex.identify.production.stretches import joined, stretches_of
 from counterflex.identify.recipe import Identification
 from counterflex.runtime.monitoring.plan import lost_tooth
 
@@ -283,7 +284,7 @@ def _taken(
     options: Mapping[str, Any],
 ) -> KeptRun:
     at = one.record.aligned(plan)
-    choice = StretchChoice(float(options["trim_diameters"]), float(options["settle_s"]))
+    choice = Cutting(float(options["trim_diameters"]), float(options["settle_s"]))
     result = stretches_of(model, one.record, plan, at, tool, choice)
     facts = {
         "run": one.record.name,

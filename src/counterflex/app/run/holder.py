@@ -209,7 +209,6 @@ def open_holder(
         port: UDP port of the strain datagrams.
         force_n: Largest force that a sensor may show without a cut, see
             :class:`counterflex.protocols.session.session.SessionChecks`.
-        moment_nm: Likewise.
 
     Raises:
         FileFormatError: As :func:`holder_of`.

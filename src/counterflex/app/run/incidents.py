@@ -126,11 +126,7 @@ def numbered(finders: dict[int, IncidentFinder]) -> list[Numbered]:
 
 
 def incidents(folder: str | Path) -> list[Numbered]:
-    """Holds and faults of all runs in a folder.
-
-    Raises:
-        FileFormatError: There is no run log, or it cannot be read.
-    """
+    """Holds and faults of all runs in a folder. Raises FileFormatError: there is no run log, or it cannot be read."""
     finders: dict[int, IncidentFinder] = {}
     for segment in segments(folder):
         if segment.about:

@@ -70,7 +70,6 @@ def cell_of_run(
     """Read the cell of a run: where the plan stands on the class of the robot, so does the run.
 
     Args:
-        cell: Cell file.
         planned: Plan and metadata as read, or None.
         plan_file: Where it was read from.
 

@@ -230,7 +230,6 @@ def replay(
     """Feed the logged inputs through a loop made of these files and compare corrections, states and all else.
 
     Args:
-        cell: Cell file.
         plan: Plan file, where the run had one.
         compensated: The robot ran the compensated program.
         from_s: Time of each run, from its first record there is: what is before is passed over, up to the last

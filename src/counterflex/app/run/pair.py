@@ -56,11 +56,7 @@ def open_pair(
 
 
 def require_pair(cell: Cell, table: OnlineTable, plan: Plan | None) -> None:
-    """Refuse what two sensors do not go with.
-
-    Raises:
-        InputError: See :func:`open_pair`.
-    """
+    """Refuse what two sensors do not go with. Raises InputError: see :func:`open_pair`."""
     tools = 1 if plan is None else len(np.unique(plan.path.tool[plan.cutting]))
     for what, value, limit, wrong in (
         ("[online] inertia_hz", table.inertia_hz, "0", table.inertia_hz > 0.0),

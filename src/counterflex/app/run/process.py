@@ -18,7 +18,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.run.child import outlive_starter
-from counterflex.app.run.session import RunSettings, open_session, robot_files
+from counterflex.app.run.session import RunSettings, open_session
 from counterflex.core.arrays import Int
 from counterflex.core.errors import CounterflexError, OutputError
 from counterflex.core.units import NS
@@ -42,8 +42,6 @@ def about_run(settings: RunSettings, session: OnlineSession, out: Path) -> dict[
     """Describe a run.
 
     Args:
-        settings: What it is made of.
-        session: Opened.
         out: Folder of its log.
 
     Returns:
@@ -52,7 +50,7 @@ def about_run(settings: RunSettings, session: OnlineSession, out: Path) -> dict[
         difference of wall clock and monotonic clock in ns.
     """
     loop = session.loop.settings
-    files = {"cell": settings.cell, "plan": settings.plan, "program": settings.program, **robot_files(settings)}
+    files = {"cell": settings.cell, "plan": settings.plan, "program": settings.program, **settings.robot_files}
     radius, turn = loop.translation.radius, loop.rotation.radius
     return {
         "counterflex": __version__,

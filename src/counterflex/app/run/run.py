@@ -21,7 +21,7 @@ from counterflex.app.run.child import child
 from counterflex.app.run.end import AS_REQUESTED, ended_how
 from counterflex.app.run.process import END_S, first_word, loop_process, signals_wait
 from counterflex.app.run.recorder import SUMMARY, NoLog, Recorder, recorder_process
-from counterflex.app.run.session import RunSettings, one_protocol, robot_files
+from counterflex.app.run.session import RunSettings, one_protocol
 from counterflex.app.run.status import Status, StatusReader
 from counterflex.core import file_content
 from counterflex.core.arrays import Int
@@ -383,7 +383,7 @@ class Supervised:
 
 
 def _about(settings: RunSettings, loop_sha256: str) -> dict[str, Any]:
-    files = {"cell": settings.cell, **robot_files(settings), "plan": settings.plan, "program": settings.program}
+    files = {"cell": settings.cell, **settings.robot_files, "plan": settings.plan, "program": settings.program}
     hashes = {
         name: hashlib.sha256(file_content.content(p)).hexdigest()
         for name, p in files.items()

@@ -84,6 +84,17 @@ class RunSettings:
     quiet_s: float = QUIET_S
     program: Path | None = None
 
+    @property
+    def kind(self) -> RobotLinkKind:
+        """Kind of the robot's link."""
+        return ROBOT_LINKS[(self.robot or ("",))[0]]
+
+    @property
+    def robot_files(self) -> dict[str, Path]:
+        """The file that the robot's link is set up by, by the name of the link; empty where it has none."""
+        name, file = self.robot or ("", None)
+        return {} if file is None else {name: file}
+
 
 def one_protocol(settings: RunSettings) -> RunSettings:
     """Return the settings with the robot's link, its file read once before anything is compiled.
@@ -97,16 +108,6 @@ def one_protocol(settings: RunSettings) -> RunSettings:
     if read is not None and file is not None:
         read(file)
     return replace(settings, robot=(name, file))
-
-
-def _kind(settings: RunSettings) -> RobotLinkKind:
-    return ROBOT_LINKS[(settings.robot or ("",))[0]]
-
-
-def robot_files(settings: RunSettings) -> dict[str, Path]:
-    """The file that the robot's link is set up by, by the name of the link; empty where it has none."""
-    name, file = settings.robot or ("", None)
-    return {} if file is None else {name: file}
 
 
 def _require_upright(about: Mapping[str, Any], plan: Path | None) -> None:
@@ -162,7 +163,7 @@ def _require_force(settings: RunSettings, table: OnlineTable, *, measured: bool,
     """Refuse a run without what it takes its force from; ``known``: how the sensor sits in the robot."""
     if table.force == "none" or (table.force == "fused" and not measured):
         return
-    unreached = not measured and (table.force_from != "sensor" or _kind(settings).own_force is None)
+    unreached = not measured and (table.force_from != "sensor" or settings.kind.own_force is None)
     if unreached or not known:
         source = f', force_from = "{table.force_from}"' if table.force_from != "sensor" else ""
         raise _no_sensor(settings, f'force = "{table.force}"{source}', unreached=unreached, unknown=not known)
@@ -320,7 +321,7 @@ def _open_force(
             strains = settings.host, settings.strain_port
             return open_pair(cell, table, plan, (force, wrench), strains, checks.force_n, checks.moment_nm)
         return force, wrench, None
-    own = _kind(settings).own_force
+    own = settings.kind.own_force
     if own is not None and table.force != "none":
         return own(link, measured.range_n, measured.range_nm), SensorWrench(cell.chain, sensor, cell.T_base_part), None
     return None, None, None

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -39,10 +39,6 @@ def file_of_run(about: Mapping[str, Any], kind: str, folder: Path) -> Path | Non
             if hashlib.sha256(place.read_bytes()).hexdigest() == sha256:
                 return place
     return None
-
-
-FIGURES: Final = ("predicted_um", "corrected_um", "remaining_um", "measured_um", "force_peak_n", "force_ratio")
-"""Names of the figures of deviation and force."""
 
 
 @dataclass(frozen=True, eq=False)

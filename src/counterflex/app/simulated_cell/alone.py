@@ -56,7 +56,6 @@ class LoneController:
             controller: Its side of the protocol.
             peer: Where telegrams go.
             most_cycles: Limit, or None.
-            see: Told every cycle.
 
         Returns:
             The server, and figures of what was applied.
@@ -130,7 +129,6 @@ def running_robot(cell: Cell, program: Path, period_s: float, answer: PathAnswer
 
     Args:
         cell: What the controller has been told.
-        period_s: Cycle.
         answer: How the controller answers corrections.
     """
     job = read_job(program, cell)

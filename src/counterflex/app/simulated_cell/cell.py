@@ -158,7 +158,6 @@ def run(
     Writes what ``simulate`` writes, so that ``evaluate`` and ``report`` judge the part.
 
     Args:
-        out: Folder.
         started: Told the force sensor before the first telegram is sent.
 
     Returns:

@@ -30,11 +30,7 @@ from counterflex.twin.network.impairment import Burst, Impairment, Stall
 
 
 def schedule(scenario: Scenario, short: Iterable[str] | None = None, more: tuple[Fault, ...] = ()) -> FaultSchedule:
-    """Faults of a scenario, those of ``--fault`` and more.
-
-    Raises:
-        InputError: A fault cannot be used.
-    """
+    """Faults of a scenario, those of ``--fault`` and more. Raises InputError: a fault cannot be used."""
     tables = (*scenario.faults, *map(short_fault, short or ()))
     return FaultSchedule((*more, *(table.fault() for table in tables)), scenario.seed)
 
@@ -74,11 +70,7 @@ def load(table: ForceSensorTable, record: Path | None, seed: int) -> NoisyWrench
 
 
 def target(table: TargetTable) -> PoseSource:
-    """Return the pose that a tracker measures, by time.
-
-    Raises:
-        InputError: Circle and square.
-    """
+    """Return the pose that a tracker measures, by time. Raises InputError: circle and square."""
     T, feed = matrix(table.pose_mm_deg), table.feed_mm_min * MM_PER_MIN
     radius, side = table.circle_radius_mm, table.square_side_mm
     if radius is not None and side is not None:
@@ -89,11 +81,7 @@ def target(table: TargetTable) -> PoseSource:
 
 
 def impairment(table: NetworkTable) -> Impairment:
-    """Return the faults of a network.
-
-    Raises:
-        InputError: Bursts that cannot be.
-    """
+    """Return the faults of a network. Raises InputError: bursts that cannot be."""
     return Impairment(
         loss=table.loss,
         burst=Burst(table.burst_share, table.burst_mean) if table.burst_share else None,

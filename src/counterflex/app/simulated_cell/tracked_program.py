@@ -37,10 +37,8 @@ def run(
     """Run a program and write ``tracker.csv`` and ``summary.json``.
 
     Args:
-        program: G-code file.
         cell_file: What the controller believes.
         truth_file: How the cell really is.
-        out: Folder.
         cycles: How often the program runs.
         seed: Of the tracker's noise.
         reading: How the program is read.

@@ -38,6 +38,13 @@ class _Lines:
     before: dict[int, list[str]] = field(default_factory=dict)
     behind: dict[int, list[str]] = field(default_factory=dict)
 
+    def restate(self, block: Block) -> None:
+        """Write the motion code into a line that relied on the one before."""
+        if block.line in self.text or has_g(block.words, 0, 1, 2, 3):
+            return
+        at = min((word.start for word in block.words if word.letter != "N"), default=len(block.text))
+        self.text[block.line] = f"{block.text[:at]}{block.modal.motion} {block.text[at:]}"
+
 
 def rewritten(program: Program, entries: list[Entry], moves: Moves) -> str:
     """The program with soft moves at some entries."""
@@ -67,10 +74,10 @@ def _write_arc_in(program: Program, entry: Entry, moves: Moves, lines: _Lines) -
         lines.text[down.line] = f"G1 {words.plane(arc.start)} {words.feed(straight.feed_m_s)}"
     else:
         lines.before.setdefault(down.line, []).append(f"G0 {words.plane(arc.start)}")
-        _restate(down, lines)
+        lines.restate(down)
     feed = program.motions[entry.motion].feed_m_s
     lines.before.setdefault(block.line, []).append(f"{words.arc(arc)} {words.feed(feed)}")
-    _restate(block, lines)
+    lines.restate(block)
 
 
 def _write_arc_out(program: Program, entry: Entry, moves: Moves, lines: _Lines) -> None:
@@ -78,7 +85,7 @@ def _write_arc_out(program: Program, entry: Entry, moves: Moves, lines: _Lines) 
     radius = entry.radius_m if moves.radius_m is None else moves.radius_m
     words, arc = _Words(block), arc_out(entry.point[:2], entry.tangent, entry.free, radius, moves.angle_rad)
     lines.behind.setdefault(block.line, []).append(words.arc(arc))
-    _restate(up, lines)
+    lines.restate(up)
     back = "G0" if program.motions[entry.vertical].kind == "rapid" else "G1"
     lines.behind.setdefault(up.line, []).append(f"{back} {words.plane(entry.point[:2])}")
 
@@ -94,7 +101,7 @@ def _write_ramp(program: Program, entry: Entry, moves: Moves, lines: _Lines) -> 
         text.append(f"G1 {words.space(motion.p_start)}")
     lines.text[down.line] = f"G1 {words.height(top)} {words.feed(plunge.feed_m_s)}"
     lines.behind.setdefault(down.line, []).extend(text)
-    _restate(block, lines)
+    lines.restate(block)
 
 
 def _write_run_up(program: Program, entry: Entry, moves: Moves, lines: _Lines) -> None:
@@ -102,22 +109,14 @@ def _write_run_up(program: Program, entry: Entry, moves: Moves, lines: _Lines) -
     words, motion = _Words(block), program.motions[entry.motion]
     begin = entry.point[:2] - (moves.run_up_m - entry.air_m) * entry.tangent
     lines.before.setdefault(down.line, []).append(f"G0 {words.plane(begin)}")
-    _restate(down, lines)
+    lines.restate(down)
     text = f"G1 {words.plane(entry.point[:2])} {words.feed(motion.feed_m_s)}"
     lines.before.setdefault(block.line, []).append(text)
-    _restate(block, lines)
+    lines.restate(block)
 
 
 def _block(program: Program, motion: int) -> Block:
     return program.blocks[program.motions[motion].block]
-
-
-def _restate(block: Block, lines: _Lines) -> None:
-    """Write the motion code into a line that relied on the one before."""
-    if block.line in lines.text or has_g(block.words, 0, 1, 2, 3):
-        return
-    at = min((word.start for word in block.words if word.letter != "N"), default=len(block.text))
-    lines.text[block.line] = f"{block.text[:at]}{block.modal.motion} {block.text[at:]}"
 
 
 class _Words:

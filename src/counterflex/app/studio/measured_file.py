@@ -137,11 +137,7 @@ class MeasuredFile:
         self.channels.setdefault(channel, MappedChannel.empty(channel))
 
     def write(self, manifest: Path) -> None:
-        """Write the manifest of the file.
-
-        Raises:
-            FileFormatError: No column is chosen.
-        """
+        """Write the manifest of the file. Raises FileFormatError: no column is chosen."""
         used = {name: one for name, one in self.channels.items() if any(one.columns)}
         if not used:
             raise FileFormatError(texts.NOTHING_MAPPED, where=str(self.path))

@@ -77,11 +77,7 @@ class MeasurementForm:
 
     @classmethod
     def read(cls, folder: Path, recipe: str) -> MeasurementForm:
-        """Read the form of a folder.
-
-        Raises:
-            FileFormatError: It is not there, or is no form.
-        """
+        """Read the form of a folder. Raises FileFormatError: it is not there, or is no form."""
         form = cls(folder, recipe, [], [])
         seen = form._content()
         header, *rows = list(csv.reader(io.StringIO(seen[1].decode("utf-8", "replace")))) or [[]]

@@ -81,14 +81,6 @@ class StockFilm:
         cells, tops = (np.concatenate(one) for one in zip(*changes, strict=True))
         return cls(blank, R, points, ends, cells, tops)
 
-    def tops_at(self, point: int) -> Float:
-        """(ny, nx) m, heights when the tool has reached a drawn point."""
-        z = self.blank.z.astype(np.float64).reshape(-1)
-        reached = int(np.searchsorted(self.point, point, side="right"))
-        count = int(self.end[reached - 1]) if reached else 0
-        z[self.cell[:count]] = self.top_m[:count]  # of several changes of a cell the last one holds
-        return z.reshape(self.blank.z.shape)
-
     def drawn(self) -> dict[str, Any]:
         """Plain values for the browser; arrays as base 64 of little-endian numbers."""
         ny, nx = self.blank.z.shape

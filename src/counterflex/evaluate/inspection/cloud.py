@@ -148,7 +148,6 @@ def diagonal(sample: Float, where: str) -> float:
 
     Args:
         sample: (n, 3) in any unit.
-        where: For the error.
 
     Raises:
         InputError: All points are in one place.
@@ -183,7 +182,6 @@ class ScanUnit:
             blank_m: Diagonal of the blank, m.
             units_m: SI values of the units to choose from, by name.
             stated: Name of the unit that was asked for or that the file states, or None.
-            where: For the error.
 
         Raises:
             InputError: The extent of the scan does not fit the blank in the stated unit, or in none.

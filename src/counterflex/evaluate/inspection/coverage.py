@@ -153,7 +153,6 @@ def coverage(
     """Areas of a whole part and of each of its features.
 
     Args:
-        part: Measured.
         features: Of the program; one that leaves no machined surface has no entry.
     """
     surface = part.part.surface

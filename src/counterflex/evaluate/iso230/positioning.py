@@ -43,11 +43,7 @@ class Approaches:
     direction: Int  # (n,) 1 towards larger targets, -1 towards smaller ones
 
     def figures(self) -> Positioning:
-        """Figures of ISO 230-2.
-
-        Raises:
-            InputError: Fewer than two targets.
-        """
+        """Figures of ISO 230-2. Raises InputError: fewer than two targets."""
         places = np.unique(self.target_m)
         if len(places) < 2:
             raise InputError("a test of positioning needs targets", value=len(places), limit=">= 2, by ISO 230-2 >= 5")

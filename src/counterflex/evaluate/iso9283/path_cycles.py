@@ -31,11 +31,7 @@ class CommandedPath:
     speed_m_s: float | None = None  # commanded speed along the path, or None
 
     def __post_init__(self) -> None:
-        """Check it.
-
-        Raises:
-            InputError: Fewer than two points, or a point that repeats the one before.
-        """
+        """Check it. Raises InputError: fewer than two points, or a point that repeats the one before."""
         p = as_float("p", self.p, (None, 3))
         if len(p) < 2:
             raise InputError("a path needs two points", value=len(p), limit=">= 2")

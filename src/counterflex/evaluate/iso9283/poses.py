@@ -29,11 +29,7 @@ class PoseCycles:
     time_s: Float | None = None  # (n,) when, or None
 
     def __post_init__(self) -> None:
-        """Check shapes.
-
-        Raises:
-            InputError: No cycle, or lengths that differ.
-        """
+        """Check shapes. Raises InputError: no cycle, or lengths that differ."""
         as_float("command", self.command, (4, 4))
         n = len(as_float("p", self.p, (None, 3)))
         if n == 0:

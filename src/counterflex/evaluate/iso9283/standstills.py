@@ -105,11 +105,7 @@ def ordered_cycles(which: Int, count: int) -> list[list[int]]:
 def pose_cycles(
     stands: Sequence[MeasuredStandstill], cycles: Sequence[Sequence[int]], Ts_command: Float
 ) -> list[PoseCycles]:
-    """Attained poses of every commanded one.
-
-    Raises:
-        InputError: There is no whole cycle.
-    """
+    """Attained poses of every commanded one. Raises InputError: there is no whole cycle."""
     if not cycles:
         raise InputError("no cycle goes through all commanded poses in their order")
     out = []

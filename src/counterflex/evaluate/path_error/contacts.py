@@ -146,7 +146,6 @@ def contacts_of(
 
     Args:
         path: The nominal path, tool along z of its axes.
-        nodes: On it.
         cutter_of: Gives the cutter of a tool number.
         points: (n, 3) m, places on the nominal surface, axes of the path.
         normals: (n, 3) unit normals of the surface there, out of the material.

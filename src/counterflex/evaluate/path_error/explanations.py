@@ -109,7 +109,6 @@ def explanations(
         observed: Places of a part, assigned to stretches.
         prior: Lengths of what has no cause; its sizes are found for every explanation.
         deflection_m: Root mean square of the planned deflection in the cut, m.
-        causes: What may be.
         together: Names of causes that are also tried together.
 
     Returns:

@@ -227,11 +227,7 @@ class GrowthModel:
     per_kelvin_ratio: float = 0.15  # relative standard deviation of growth by temperature
 
     def __post_init__(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A number that is not above 0, or weights that are none.
-        """
+        """Check ranges. Raises InputError: a number that is not above 0, or weights that are none."""
         for name in ("reference_rad_s", "end_sigma_m", "arm_walk_m", "growth_walk_m", "per_kelvin_ratio"):
             as_positive(f"thermal growth: {name}", getattr(self, name))
         for of, given, count in (

@@ -134,7 +134,6 @@ def diagnosed(
     Args:
         feed: (m,) 1 where it feeds.
         log: As logged, m.
-        where: For the error.
         proper: Poses that it may have; None: they are searched, and one that fits says that the frame is wrong.
     """
     given = proper is None

@@ -31,7 +31,6 @@ def fitted(deviation: PathDeviation, T_part_log: Float, where: str, left_out: Bo
     Args:
         deviation: Of the log in the frame so far; fit again with the path matched anew until it stands still.
         T_part_log: (4, 4), that frame.
-        where: For errors.
         left_out: (k,) stations that do not count, or None.
 
     Raises:

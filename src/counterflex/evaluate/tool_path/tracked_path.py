@@ -193,7 +193,6 @@ def tracked_path(
         radius_m: Of the cutter: shortest length of an entry.
         engagement: (n,) of the path's rows, how much is cut on the way to each; None where it is not known whether
             the tool cut.
-        where: For errors.
 
     Raises:
         InputError: Hardly a reading lies on the path.

@@ -14,7 +14,6 @@ from counterflex.files.dataset.units import UNITS, plain
 from counterflex.files.schema import Table
 
 Above = Annotated[float, Field(gt=0.0, le=1e6)]
-Level = Annotated[float, Field(ge=0.0, le=1e6)]
 PATH_MS = 24
 GUIDANCE_MS = 4
 

@@ -114,11 +114,7 @@ class TrackerLines:
 
 
 def unit_length(quat_wxyz: Float, where: str) -> float:
-    """Length of a quaternion as it is written.
-
-    Raises:
-        FileFormatError: It is not 1.
-    """
+    """Length of a quaternion as it is written. Raises FileFormatError: it is not 1."""
     size = math.hypot(*quat_wxyz.tolist())
     if abs(size - 1.0) > _UNIT:
         raise FileFormatError("a quaternion is not of unit length", where=where, value=size, limit=1)

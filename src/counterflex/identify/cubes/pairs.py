@@ -29,7 +29,6 @@ from counterflex.identify.pulls.residuals import COMPONENTS, PullResiduals, misp
 from counterflex.robot.elasticity.chain import ElasticChain, forward, jacobian
 from counterflex.robot.elasticity.compliance import element_jacobians
 
-KIND: Final = "cubes"
 BASE: Final = "base"
 SCALE: Final = 0.005
 """How true the sensors of a cube show its motion, and how squarely they look at it; one standard deviation."""

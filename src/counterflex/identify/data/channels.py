@@ -324,11 +324,7 @@ SETTINGS: Final[dict[str, str]] = {
 
 
 def channel_kind(name: str, where: str = "") -> ChannelKind:
-    """Meaning of a channel name.
-
-    Raises:
-        InputError: It is no canonical name.
-    """
+    """Meaning of a channel name. Raises InputError: it is no canonical name."""
     if name not in CHANNELS:
         close = close_to(name, sorted(CHANNELS), 1)
         raise InputError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 import scipy
@@ -222,6 +222,7 @@ SAME_POSE_RAD: Final = 1e-5
 """Joint angles nearer than this are the same pose."""
 CONTRADICTION: Final = 1e-6
 """Probability, all repeated poses taken together, below which repeats contradict each other."""
+_ONE_PLACE_M: Final = 10.0 * MM  # Standard deviation along their longest direction below which points are in one place
 THIN: Final = 1e-2
 """Spread across by spread along below which points are on a line (or in a plane)."""
 
@@ -311,14 +312,12 @@ def check_repeats(data: Dataset, channel: str, *, same: Sequence[str] = ("q",), 
         )
 
 
-def check_enough(parameters: Parameters, blocks: Sequence[Residuals], needed: Sequence[str] = ()) -> None:
+def check_enough(parameters: Parameters, blocks: Sequence[Residuals]) -> None:
     """Refuse fewer measured numbers than parameters; rows of one group (repeats of a posture) count once.
 
-    ``needed``: Names of parameters that have a prior so wide that the data must determine them (frames). Raises
-    InputError: says how many numbers there are and how many are needed.
+    Raises InputError: says how many numbers there are and how many are needed.
     """
-    unknown = {p.name for p in parameters if p.free and not p.has_prior} | set(needed)
-    free = {p.name for p in parameters if p.free} | unknown
+    free = {p.name for p in parameters if p.free}
     rows = sum(len(b.group) for b in blocks)
     groups = [len(np.unique(b.group)) for b in blocks]
     # Groups, not rows: copies of a posture add numbers but no equations.
@@ -332,50 +331,30 @@ def check_enough(parameters: Parameters, blocks: Sequence[Residuals], needed: Se
         )
 
 
-def check_spread(
-    points: Float,
-    what: str,
-    *,
-    where: str = "",
-    shape: Literal["point", "line", "plane"] = "line",
-    least_m: float = 10.0 * MM,
-) -> None:
+def check_spread(points: Float, what: str, *, where: str = "") -> None:
     """Refuse points that do not span what a frame needs.
 
     Args:
         points: (n, 3) m.
         what: For the message: ``fiducials``.
-        where: For the message.
-        shape: The worst shape that is refused: ``point`` refuses points in one place, ``line`` also points on one line,
-            ``plane`` also points in one plane.
-        least_m: Spread (standard deviation) along their longest direction below which points are in one place.
 
     Raises:
-        InputError: Too few of them, in one place, on one line or in one plane.
+        InputError: Fewer than three, in one place or on one line.
     """
-    fewest = {"point": 2, "line": 3, "plane": 4}[shape]
-    if len(points) < fewest:
-        raise InputError(f"there are too few {what}", where=where or None, value=len(points), limit=f">= {fewest}")
+    if len(points) < 3:
+        raise InputError(f"there are too few {what}", where=where or None, value=len(points), limit=">= 3")
     spread = np.linalg.svd(points - np.mean(points, axis=0), compute_uv=False) / np.sqrt(len(points))
     spread = np.pad(spread, (0, 3 - len(spread)))
     figures = " x ".join(f"{s / MM:.3g}" for s in spread) + " mm"
-    if spread[0] < least_m:
+    if spread[0] < _ONE_PLACE_M:
         raise InputError(f"the {what} are all in one place", where=where or None, value=figures, limit="spread apart")
-    if shape != "point" and spread[1] < THIN * spread[0]:
+    if spread[1] < THIN * spread[0]:
         raise InputError(
             f"the {what} are on one line",
             where=where or None,
             value=f"spread {figures}",
             limit=f"second figure >= {THIN:g} of the first",
             hint="The rotation about that line is not determined; add a point well off it",
-        )
-    if shape == "plane" and spread[2] < THIN * spread[0]:
-        raise InputError(
-            f"the {what} are in one plane",
-            where=where or None,
-            value=f"spread {figures}",
-            limit=f"third figure >= {THIN:g} of the first",
-            hint="Add a point well off that plane",
         )
 
 

@@ -78,11 +78,7 @@ class Dataset:
         return name in self.channels
 
     def channel(self, name: str) -> Channel:
-        """A channel.
-
-        Raises:
-            FileFormatError: The dataset has none of that name.
-        """
+        """A channel. Raises FileFormatError: the dataset has none of that name."""
         if name not in self.channels:
             raise FileFormatError(
                 f"the dataset has no channel '{name}'",

@@ -24,54 +24,37 @@ _STILL_RAD: Final = 1e-9
 _STARTS: Final = 10
 
 
-def wrong_sides(q: Float, *, start: Float | None = None, side: Float | None = None, band: float = BAND_RAD) -> Bool:
-    """Axes that rest on the other side of their play than requested, pose by pose.
+def wrong_sides(q: Float) -> Bool:
+    """Axes that rest on the other side of their play than that of a growing angle, pose by pose.
+
+    Every axis is taken to be on that side at the first pose. A move of less than :data:`BAND_RAD` upwards does not
+    surely take up the play, any move downwards gives it up.
 
     Args:
         q: (n, 6) rad, in order.
-        start: (6,) rad, where the robot comes from, with its play anywhere; None takes every axis to be on the wanted
-            side at the first pose.
-        side: (6,) +1 arrives with growing angle (default), -1 with falling.
-        band: rad; a smaller move in the wanted direction does not surely take up the play, any move in the other
-            direction gives it up.
 
     Returns:
         (n, 6).
     """
     q = as_float("q", q, (None, 6))
-    aim = _sides(side)
-    before = q[0] if start is None else as_float("start", start, (6,))
-    right = np.full(6, start is None)
+    right = np.ones(6, dtype=np.bool_)
     out = np.zeros(q.shape, dtype=np.bool_)
-    for k, here in enumerate(q):
-        right = _right(right, (here - before) * aim, band)
+    for k, forward in enumerate(np.diff(q, axis=0, prepend=q[:1])):
+        right = (forward > BAND_RAD) | (right & (forward >= -_STILL_RAD))
         out[k] = ~right
-        before = here
     return out
 
 
-def order_of_poses(
-    q: Float,
-    speeds_rad_s: Float,
-    *,
-    start: Float | None = None,
-    side: Float | None = None,
-    weight: Float | None = None,
-    reversal_s: float = REVERSAL_S,
-) -> Int:
-    """An order with short travel in which few axes arrive from the wrong side.
+def order_of_poses(q: Float, speeds_rad_s: Float) -> Int:
+    """An order with short travel in which few axes arrive with falling angle.
 
-    Least sum over the moves of time of travel plus ``reversal_s`` times the weights of the axes that arrive from the
-    wrong side: nearest neighbour from several beginnings, improved by turning round and moving stretches (2-opt and
-    or-opt on the directed costs) until neither helps.
+    Least sum over the moves of time of travel plus :data:`REVERSAL_S` times the axes that arrive with falling angle:
+    nearest neighbour from several beginnings, improved by turning round and moving stretches (2-opt and or-opt on the
+    directed costs) until neither helps.
 
     Args:
         q: (n, 6) rad poses; equal ones stay together.
         speeds_rad_s: (6,) rad/s.
-        start: (6,) rad, where the robot comes from; None begins anywhere.
-        side: (6,) side from which to arrive, see :func:`wrong_sides`.
-        weight: (6,) how much each axis counts; 0 for one that its weight always keeps on one side.
-        reversal_s: See above; 0 only shortens the travel.
 
     Returns:
         (n,) indices into ``q``, in order.
@@ -84,40 +67,24 @@ def order_of_poses(
     if not np.all(speeds > 0.0):
         raise InputError("the speed of an axis must be above zero", value=speeds.tolist())
     n = len(q)
-    if n <= 2 and start is None:
+    if n <= 2:
         return np.arange(n, dtype=np.int64)
-    way = q if start is None else np.vstack([as_float("start", start, (6,)), q])
-    # Directed: an axis that comes from one side going there comes from the other going back.
-    cost = _costs(way, speeds, _sides(side), np.ones(6) if weight is None else weight, reversal_s)
-    if start is None:
-        # A place to come from that costs nothing.
-        cost = np.block([[np.zeros((1, 1)), np.zeros((1, n))], [np.full((n, 1), np.inf), cost]])
+    # Directed: an axis that arrives with falling angle going there arrives with growing angle going back. The first row
+    # and column are a place to come from that costs nothing.
+    cost = np.block([[np.zeros((1, 1)), np.zeros((1, n))], [np.full((n, 1), np.inf), _costs(q, speeds)]])
     starts = np.unique(np.linspace(1, n, min(n, _STARTS)).astype(np.int64))
-    tours = [_improved(_nearest(cost, int(first)), cost) for first in starts] if start is None else []
+    tours = [_improved(_nearest(cost, int(first)), cost) for first in starts]
     tours.append(_improved(_nearest(cost, None), cost))
     best = min(tours, key=lambda tour: _length(tour, cost))
     return np.array(best[1:], dtype=np.int64) - 1
 
 
-def _right(before: Bool, forward: Float, band: float) -> Bool:
-    """Reserve (6,) rad with which axes rest on the requested side after a move, positive in that direction."""
-    out: Bool = (forward > band) | (before & (forward >= -_STILL_RAD))
-    return out
-
-
-def _sides(side: Float | None) -> Float:
-    aim = np.ones(6) if side is None else as_float("wanted", side, (6,))
-    if not np.all(np.abs(aim) == 1.0):
-        raise InputError("a side is +1 or -1", value=aim.tolist())
-    return aim
-
-
-def _costs(way: Float, speeds: Float, aim: Float, weight: Float, reversal_s: float) -> Float:
+def _costs(way: Float, speeds: Float) -> Float:
     """(m, m) of going from row to row."""
     move = way[None, :, :] - way[:, None, :]
     travel = np.max(np.abs(move) / speeds, axis=2)
-    wrong = (move * aim < -_STILL_RAD) @ np.asarray(weight, dtype=np.float64)
-    out: Float = travel + STOP_S * (travel > 0.0) + reversal_s * wrong
+    wrong = np.sum(move < -_STILL_RAD, axis=2)
+    out: Float = travel + STOP_S * (travel > 0.0) + REVERSAL_S * wrong
     return out
 
 

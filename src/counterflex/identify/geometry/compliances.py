@@ -108,11 +108,7 @@ class Springs:
 
 
 def bearing_of(settings: Mapping[str, Any]) -> float:
-    """The setting ``bearing_mm`` in m.
-
-    Raises:
-        InputError: Negative or beyond 200 mm.
-    """
+    """The setting ``bearing_mm`` in m. Raises InputError: negative or beyond 200 mm."""
     value = settings.get("bearing_mm", SETTINGS["bearing_mm"])
     if not (isinstance(value, int | float) and 0.0 <= float(value) <= 200.0):
         raise InputError("setting bearing_mm", value=value, limit="0 .. 200 mm")

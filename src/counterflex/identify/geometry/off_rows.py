@@ -59,6 +59,13 @@ class FitSession:
     block: Int  # (n,) which residuals
     row: Int  # (n,) which of their rows
 
+    def left_out(self, keep: Sequence[Bool], rows: Int) -> list[Bool]:
+        """Rows of the residuals that are kept, without some of this dataset."""
+        out = [k.copy() for k in keep]
+        for i in rows:
+            out[self.block[i]][self.row[i]] = False
+        return out
+
 
 @dataclass(frozen=True, eq=False)
 class OffRows:
@@ -113,7 +120,7 @@ def off_rows(
         fewer, again = keep, fit
         for _ in range(_MOST):
             rows = _suspected(_OffRows(blocks, again, session, fewer))
-            rest = fewer if rows is None else _less(fewer, session, rows)
+            rest = fewer if rows is None else session.left_out(fewer, rows)
             if rows is None or not all(np.any(k) for k in rest):
                 break
             suspects.append(rows)
@@ -124,17 +131,10 @@ def off_rows(
             if len(confirmed) == len(suspects):
                 out += confirmed
                 for block in confirmed:
-                    keep = _less(keep, session, block.rows)
+                    keep = session.left_out(keep, block.rows)
                 suspects, fewer, fit = [], keep, _fitted(parameters, blocks, again, keep)
                 again = fit
     return tuple(out)
-
-
-def _less(keep: Sequence[Bool], session: FitSession, rows: Int) -> list[Bool]:
-    out = [k.copy() for k in keep]
-    for i in rows:
-        out[session.block[i]][session.row[i]] = False
-    return out
 
 
 def _fitted(parameters: Parameters, blocks: Sequence[Residuals], fit: Fit, keep: Sequence[Bool]) -> Fit:

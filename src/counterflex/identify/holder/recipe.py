@@ -103,7 +103,6 @@ def prepared(
     """The holder as it is known before, at the mean temperature of the data, and their readings.
 
     Args:
-        cell: Before.
         data: Kind ``holder_loads``.
         holdout: Likewise; its bridges have to sit where those of ``data`` do.
 

@@ -110,6 +110,16 @@ class CalibrationSetup:
     frames: dict[str, PlacedFrame]  # frames by name
     model: ArmModel
 
+    @property
+    def groups(self) -> tuple[Int, Int, Int]:
+        """Places of the displacements: lengths, tilts, zeros."""
+        at = list(self.model.layout.displaced.values())
+        if not at:
+            none = np.zeros(0, dtype=np.int64)
+            return none, none, none
+        places = np.stack(at)
+        return places[:, :3].ravel(), places[:, 3:5].ravel(), places[:, 5]
+
 
 def set_up(
     cell: CellModel,

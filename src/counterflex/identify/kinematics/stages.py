@@ -115,7 +115,7 @@ class _Trial:
 def _refined(best: _Trial, made: Callable[[ArmPriors], CalibrationSetup], stated: ArmPriors) -> _Trial:
     """Each group of priors as wide as its values are, with their uncertainty."""
     for _ in range(_ROUNDS):
-        sizes = tuple(_size(best.setup, best.fit, places) for places in _groups(best.setup))
+        sizes = tuple(_size(best.setup, best.fit, places) for places in best.setup.groups)
         if max(max(s, 1.0 / s) for s in sizes) < _AT_REST:
             break
         trial = best.other(made, _scaled(best.priors, sizes, stated))
@@ -127,18 +127,8 @@ def _refined(best: _Trial, made: Callable[[ArmPriors], CalibrationSetup], stated
 
 def _misfit(setup: CalibrationSetup, fit: Fit) -> bool:
     u = np.abs(setup.parameters.coordinates(fit.values))
-    far = any(len(places) and float(np.max(u[places])) > OFF for places in _groups(setup))
+    far = any(len(places) and float(np.max(u[places])) > OFF for places in setup.groups)
     return far or max(fit.sigma_factors, default=1.0) > MISFIT
-
-
-def _groups(setup: CalibrationSetup) -> tuple[Int, Int, Int]:
-    """Places of the displacements: lengths, tilts, zeros."""
-    at = list(setup.model.layout.displaced.values())
-    if not at:
-        none = np.zeros(0, dtype=np.int64)
-        return none, none, none
-    places = np.stack(at)
-    return places[:, :3].ravel(), places[:, 3:5].ravel(), places[:, 5]
 
 
 def _size(setup: CalibrationSetup, fit: Fit, places: Int) -> float:
@@ -182,7 +172,7 @@ def _described(stated: ArmPriors, best: _Trial) -> str:
         for name, (before, now, unit, word) in zip(GROUPS, sizes, strict=True)
         if now > before
     ]
-    zeros = _groups(best.setup)[2]
+    zeros = best.setup.groups[2]
     if not len(zeros):
         return ", ".join(changes)
     values: Float = best.fit.values[zeros]

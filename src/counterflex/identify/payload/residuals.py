@@ -1,6 +1,6 @@
 """Residuals of a flange sensor's readings without a process, with exact derivatives.
 
-Predicted is :func:`counterflex.sensing.flange_sensor.idle_wrench` of the constants at hand. With ``gamma = g - a``,
+Predicted is :func:`counterflex.sensing.wrench_kernel.idle` of the constants at hand, in motion. With ``gamma = g - a``,
 ``A = [alpha]x + [omega]x^2`` in sensor axes: ``f = m (gamma - A c)``, ``moment = c x f - I alpha - omega x I omega``.
 """
 

@@ -12,8 +12,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.units import MS, URAD
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.play.data import ReversalMotion, motor_friction, motor_friction_sigma
 from counterflex.identify.play.residuals import AxisResiduals, PlayPlaces, ReversalResiduals
-from counterflex.identify.reversals.data import ReversalMotion, motor_friction, motor_friction_sigma
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.jackknife import added, considered, widened, with_correlation, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters

@@ -12,9 +12,9 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MRAD, UM
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.pose_candidates import measurable
+from counterflex.identify.play.data import ReversalMotion
 from counterflex.identify.play.parameters import axis_play, blocks, parameters
 from counterflex.identify.recipe import Proposal
-from counterflex.identify.reversals.data import ReversalMotion
 from counterflex.robot.elasticity.chain import ElasticChain, jacobian
 from counterflex.robot.elasticity.play import axis_torque
 

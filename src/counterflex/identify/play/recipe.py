@@ -16,10 +16,10 @@ from counterflex.core.units import MRAD, MS, URAD
 from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play import TITLE, parameters as play_parameters
+from counterflex.identify.play.data import ReversalMotion, motions, motor_friction
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
-from counterflex.identify.reversals.data import ReversalMotion, motions, motor_friction
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.residuals import Residuals
@@ -50,7 +50,7 @@ def identify(inputs: Inputs) -> Identification:
         A fit for each axis that moved, ``[[robot.play]]`` of these.
 
     Raises:
-        FileFormatError: See :func:`counterflex.identify.reversals.data.motions`.
+        FileFormatError: See :func:`counterflex.identify.play.data.motions`.
         InputError: See there; or torque and motion contradict each other.
     """
     cell, data, holdout, settings, progress = inputs

@@ -167,7 +167,6 @@ def find(
 
     Args:
         block: The stretches; its reference thickness is set.
-        law: Stated.
         known: See :func:`constants_of`.
         run: (n,) number of the run of each stretch: with three runs or more whole runs are held out.
         level: Of :data:`LEVELS`, or ``auto``: as many constants as the data tell apart.

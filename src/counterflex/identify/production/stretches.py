@@ -15,6 +15,7 @@ from counterflex.cutting.arc_force import ArcCuts, TermForce
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.record import mean_with_sigma, zero
+from counterflex.identify.cutting.steady_cuts import Cutting
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.production.alignment import Aligned, AlignedRunRecord, PlannedCut, force_of
 from counterflex.robot.elasticity.compliance import cartesian_compliance
@@ -29,14 +30,7 @@ _WALL_RAD: Final = 0.18  # beyond what the grid of a blank leaves beside a full 
 _LEAST_N: Final = 5.0
 _MOST_BAD: Final = 0.05
 _LEVEL_M: Final = 0.5 * MM
-
-
-@dataclass(frozen=True)
-class StretchChoice:
-    """Choice of stretches."""
-
-    trim_diameters: float = 0.6  # distance left out behind an entry and before an exit, in cutter diameters
-    settle_s: float = 0.15  # time left out there in addition
+_CHOICE: Final = Cutting(trim_diameters=0.6, settle_s=0.15)  # Mean forces of a run need no settled record
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +95,13 @@ def stretches_of(
     plan: PlannedCut,
     at: Aligned,
     tool: int,
-    choice: StretchChoice | None = None,
+    choice: Cutting = _CHOICE,
 ) -> RunCut:
     """Find the steady stretches of a run with one tool.
 
     Raises InputError: a saturated sensor, a force that is missing in the cut, no air cut to take the zero from, or no
     steady stretch.
     """
-    choice = StretchChoice() if choice is None else choice
     cutter = cell.cutter_of(tool)
     inside = at.row >= 0
     row = np.where(inside, np.minimum(at.row, len(plan.time_s) - 1), 0)
@@ -190,7 +183,7 @@ class _StretchReader:
         plan: PlannedCut,
         at: Aligned,
         row: Int,
-        choice: StretchChoice,
+        choice: Cutting,
     ) -> None:
         self.cell, self.cutter, self.run, self.plan, self.at = cell, cutter, run, plan, at
         self.row, self.choice = row, choice

@@ -13,7 +13,6 @@ from counterflex.geometry import pose
 from counterflex.identify.data.dataset import Dataset
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 
-KIND: Final = "pulls"
 AGAIN: Final = "approached again"
 """Under load the pose was left and approached again the same way, so that dry friction is the same in both states."""
 HELD_SETTING: Final = "held"

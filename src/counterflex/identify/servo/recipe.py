@@ -16,11 +16,8 @@ from counterflex.core.units import MS, URAD
 from counterflex.identify.data.changes import AxisServo, Change, TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.delays.checks import changes as timing_changes, check_delay, lag_of
-from counterflex.identify.delays.delay import Delay, find_delay
-from counterflex.identify.delays.pairs import FOLLOWING, pairs
+from counterflex.identify.play.data import motions, motor_friction
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
-from counterflex.identify.reversals.data import motions, motor_friction
 from counterflex.identify.servo import TITLE
 from counterflex.identify.servo.data import FORCE_N, LoadStep, RingingMode, load_steps, lowest_mode, propose
 from counterflex.identify.servo.residuals import ServoResiduals, together, with_exchange
@@ -29,6 +26,9 @@ from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, 
 from counterflex.identify.solver.jackknife import with_correlation
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import Stop, solve
+from counterflex.identify.timing.checks import changes as timing_changes, check_delay, lag_of
+from counterflex.identify.timing.delay import Delay, find_delay
+from counterflex.identify.timing.pairs import FOLLOWING, pairs
 from counterflex.robot.model.description import Servo
 
 GUESS: Final = Servo(1e5, 1.0 / 0.06, 40.0 * MS)

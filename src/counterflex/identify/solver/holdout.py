@@ -157,7 +157,6 @@ def cross_validate(
 
     Args:
         parameters: As for :func:`counterflex.identify.solver.solve.solve`.
-        blocks: Measurements.
         needed: Names of parameters that any use has to find first (frames): fitted for the nominal error as well.
         error: Error of the rows of a block at given values.
         scored: Places of the blocks that are scored; None scores all. Blocks not scored always train.

@@ -43,7 +43,6 @@ def examine(parameters: Parameters, free: Int, jacobian: Float, sigma_u: Float, 
     """Judge a weighted Jacobian in fit coordinates.
 
     Args:
-        parameters: All parameters.
         free: (f,) places of the free ones.
         jacobian: (m, f) of the weighted residuals, without priors.
         sigma_u: (f,) posterior standard deviations in fit coordinates.

@@ -124,11 +124,7 @@ class Parameters:
         return {item.name: item.unit for item in self.items if item.free}
 
     def index(self, name: str) -> int:
-        """Place of a parameter.
-
-        Raises:
-            InputError: There is none of that name.
-        """
+        """Place of a parameter. Raises InputError: there is none of that name."""
         try:
             return self.names.index(name)
         except ValueError as fault:

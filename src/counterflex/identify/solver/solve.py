@@ -102,7 +102,6 @@ def excess(rows: Float, weights: Float, scale: float, used: float, group: Int) -
     Args:
         rows: (n, k) weighted residuals at the solution.
         weights: (n,) of :func:`hampel_weights`.
-        scale: As given to it.
         used: Effective number of parameters that these rows determine.
         group: (n,) ids of rows that belong together.
     """

@@ -52,7 +52,6 @@ def within_bounds(
         lower: (f,).
         upper: (f,).
         tolerance: Relative change of misfit and values, and size of the projected gradient, at which it rests.
-        most: Most evaluations.
     """
     here = reduced(u)
     if here is None:
@@ -254,7 +253,6 @@ class Stacked:
             weights: Per block (rows,).
             factors: Per block: its residuals are divided by it.
             tolerance: Relative change of cost, step and gradient at which it rests.
-            most: Most evaluations.
         """
         problem = _Weighted(self, weights, factors)
         if not self._bounded:

@@ -13,13 +13,13 @@ from counterflex.core.progress import in_parts
 from counterflex.core.units import DEG, MM, MS, UM, URAD
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.delays.checks import PPM, changes, check_delay, delay_names, delay_sigmas, delays, lag_of
-from counterflex.identify.delays.delay import Delay, Pair, build, find_delay
-from counterflex.identify.delays.pairs import pairs
-from counterflex.identify.delays.stamped import Stamped
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Proposal, Recipe
 from counterflex.identify.solver.holdout import HeldOut, score_separate
 from counterflex.identify.timing import TITLE
+from counterflex.identify.timing.checks import PPM, changes, check_delay, delay_names, delay_sigmas, delays, lag_of
+from counterflex.identify.timing.delay import Delay, Pair, build, find_delay
+from counterflex.identify.timing.pairs import pairs
+from counterflex.identify.timing.stamped import Stamped
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.kinematics.inverse import Solution, inverse, inverse_path
 
@@ -144,7 +144,7 @@ _SHOWN = 1500
 
 
 def identify(inputs: Inputs) -> Identification:
-    """Find delays in records; see :mod:`counterflex.identify.delays.delay` for the model.
+    """Find delays in records; see :mod:`counterflex.identify.timing.delay` for the model.
 
     ``inputs``: What is known before; datasets of the kind ``record``, held out by stretches. Returns fits by pair,
     changes to ``[timing]``. Raises FileFormatError: damaged stamps or values, no standard deviations. Raises

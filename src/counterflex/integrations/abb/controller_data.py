@@ -31,9 +31,6 @@ def read_module(text: str, where: str) -> ControllerData:
 
     Tools that stand, work objects that the robot holds or that a mechanical unit moves are left out, with a note.
 
-    Args:
-        where: Its name, for errors.
-
     Raises:
         FileFormatError: A declaration is damaged.
     """
@@ -88,9 +85,6 @@ def _work_object(out: ControllerData, name: str, parts: AggregateLiteral, where:
 def read_configuration(text: str, where: str) -> ControllerData:
     """Base frame of the robot from ``MOC.cfg``, type ROBOT; positions there are in m.
 
-    Args:
-        where: Its name, for errors.
-
     Raises:
         FileFormatError: The base frame is no pose.
     """
@@ -142,11 +136,7 @@ def _number(given: dict[str, str], key: str, default: float, where: str) -> floa
 
 
 def read_data(text: str, where: str) -> ControllerData | None:
-    """Data of a ``MOC.cfg`` or a module; None of another text.
-
-    Args:
-        where: Its name, for errors and notes.
-    """
+    """Data of a ``MOC.cfg`` or a module; None of another text."""
     if _CFG.match(text):
         return read_configuration(text, where)
     return read_module(text, where) if _MODULE.search(text) else None

@@ -52,11 +52,7 @@ class EgmContext:
     axes: ControllerAxes = AS_MODEL  # How the controller counts the axes
 
     def __post_init__(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A setting that no controller takes.
-        """
+        """Check ranges. Raises InputError: a setting that no controller takes."""
         if self.mode not in ("path", "pose"):
             raise InputError("mode of EGM", value=self.mode, limit="path or pose")
         unit = 24.0 if self.mode == "path" else 4.0

@@ -130,7 +130,7 @@ class NetftServer:
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         sequence = (self._sequence + condition.step) & 0xFFFFFFFF
         record = netft.NetftRecord(sequence, self._sample, status, tuple(map(int, counts)))  # type: ignore[arg-type]
-        self._out.put(netft.write_record(record), self._time_s, self._put)
+        self._out.put(record.written(), self._time_s, self._put)
         if self._remaining:
             self._remaining -= 1
             if self._remaining == 0:

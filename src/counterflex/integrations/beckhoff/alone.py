@@ -137,7 +137,6 @@ def terminals(cell: Cell, amplifiers: StrainSender, address: tuple[str, int]) ->
     Args:
         cell: With ``[ads] strain``, one symbol for each bridge.
         amplifiers: Read whenever a symbol is.
-        address: Where it listens.
 
     Raises:
         FileFormatError: The cell has no table ``[ads]``.

@@ -36,9 +36,6 @@ def is_kuka(text: str) -> bool:
 def read_kuka(text: str, where: str) -> ControllerData:
     """Frames of a ``$config.dat``; those that are all zeros were never set, and are left out.
 
-    Args:
-        where: Its name, for errors.
-
     Raises:
         FileFormatError: A frame that is set is damaged, or there twice.
     """
@@ -68,11 +65,7 @@ def read_kuka(text: str, where: str) -> ControllerData:
 
 
 def frame_of_text(text: str, where: str) -> Float:
-    """(4, 4) m of ``{X ..,Y ..,Z ..,A ..,B ..,C ..}``.
-
-    Raises:
-        FileFormatError: It is something else.
-    """
+    """(4, 4) m of ``{X ..,Y ..,Z ..,A ..,B ..,C ..}``. Raises FileFormatError: it is something else."""
     parts = [(match[1].upper(), float(match[2])) for match in _PART.finditer(text)]
     values = dict(parts)
     if sorted(letter for letter, _ in parts) != sorted("XYZABC") or _FRAME.fullmatch(text) is None:
@@ -131,9 +124,6 @@ def _number(text: str, where: str) -> float:
 def read_kuka_machine(text: str, where: str) -> ControllerData:
     """Read ``$ROBROOT``, ``$SOFTN_END``, ``$SOFTP_END``, ``$LENGTH_A`` and ``$TRAFONAME``.
 
-    Args:
-        where: Its name, for errors.
-
     Raises:
         FileFormatError: ``$ROBROOT`` is damaged, or there twice.
     """
@@ -169,11 +159,7 @@ _READ: Final = frozenset(("$ROBROOT", "$SOFTN_END", "$SOFTP_END", "$LENGTH_A", "
 
 
 def read_data(text: str, where: str) -> ControllerData | None:
-    """Data of a ``$config.dat`` or ``$machine.dat``; None of another text.
-
-    Args:
-        where: Its name, for errors and notes.
-    """
+    """Data of a ``$config.dat`` or ``$machine.dat``; None of another text."""
     if is_kuka(text):
         return read_kuka(text, where)
     if is_kuka_machine(text):

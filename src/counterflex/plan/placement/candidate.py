@@ -106,6 +106,13 @@ class Site:
         return len(self.cut) * self.freedom.rotations * len(BRANCHES)
 
 
+_FED: Final = 0.4
+"""Cost of a candidate in which the cut feeds a swing, m: over any error; up to twice it, the faster the swing grows."""
+_REFUSED: Final = 1.0
+"""Cost of a refused candidate, m: over any deflection; less by the share of points that can be reached, which leads the
+search back to where the part can be reached."""
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """A pose of the part, judged."""
@@ -125,6 +132,15 @@ class Candidate:
     branch: str = ""  # of the best posture
     rotation_rad: float = 0.0  # about the tool axis
     q: Float | None = None  # (m, 6) rad along the thinned path
+
+    @property
+    def cost(self) -> float:
+        """Cost for differential evolution: error, then chatter, then what refuses a candidate."""
+        if self.refused:
+            return _REFUSED * (2.0 - self.passed)
+        if self.least_damping < 0.0:
+            return _FED * (1.0 - self.least_damping / (1.0 - self.least_damping))
+        return self.error_m
 
 
 def site_of(task: PostureTask, stretches: Sequence[Stretch] = (), rotations: int = ROTATIONS) -> Site:

@@ -51,7 +51,6 @@ class Feeding:
         """Least damping ratio that nine of ten robots have left while they cut; at most the robot's own.
 
         Args:
-            chain: Springs and masses.
             q: (m, 6) rad along the thinned path.
             to_part: (1, 6, 6) or, for each of the k points, (k, 6, 6): see
                 :func:`counterflex.plan.stability.robot_modes.robot_modes`.

@@ -18,11 +18,6 @@ from counterflex.robot.model.description import Opw
 
 POPULATION: Final = 64
 """Candidates of a generation; the first are Sobol points, which need a power of two."""
-_FED: Final = 0.4
-"""Cost of a candidate in which the cut feeds a swing, m: over any error; up to twice it, the faster the swing grows."""
-_REFUSED: Final = 1.0
-"""Cost of a refused candidate, m: over any deflection; less by the share of points that can be reached, which leads the
-search back to where the part can be reached."""
 
 
 @dataclass(frozen=True)
@@ -160,13 +155,4 @@ def _judge(
     candidate = judge(site, there.T_base_standing, there.T_base_before)
     judged.append((place, candidate))
     progress(min(1.0, len(judged) / total))
-    return _cost(candidate)
-
-
-def _cost(candidate: Candidate) -> float:
-    """Cost for differential evolution: error, then chatter, then what refuses a candidate."""
-    if candidate.refused:
-        return _REFUSED * (2.0 - candidate.passed)
-    if candidate.least_damping < 0.0:
-        return _FED * (1.0 - candidate.least_damping / (1.0 - candidate.least_damping))
-    return candidate.error_m
+    return candidate.cost

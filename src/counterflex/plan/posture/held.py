@@ -32,6 +32,13 @@ class PostureTask:
     robot: RobotHere  # robot, tool and place of the part
     around: Surroundings | None = None  # bodies that must not touch, or None where nobody looks
 
+    @property
+    def middle_of_cut(self) -> Float:
+        """(3,) m, middle of what is cut, in the frame of the program."""
+        p = self.cut.p_part[self.cut.weight_m > 0.0]
+        out: Float = 0.5 * (p.min(axis=0) + p.max(axis=0))
+        return out
+
 
 @dataclass(frozen=True, eq=False)
 class Held:

@@ -78,11 +78,7 @@ class RobotHere:
         return np.minimum(own, room(axes, self.controller_chain.joint_limits_rad, q) - self.limits.joint_margin_rad)
 
     def grid(self, rotations_rad: Float) -> CandidateGrid:
-        """Grid of candidates for the kernels.
-
-        Raises:
-            ModelError: The robot has no closed-form geometry.
-        """
+        """Grid of candidates for the kernels. Raises ModelError: the robot has no closed-form geometry."""
         chain = self.controller_chain
         if chain.opw is None:
             raise ModelError(

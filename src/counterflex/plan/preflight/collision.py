@@ -105,8 +105,6 @@ class Scene:
         """Signed distance of two bodies, m.
 
         Args:
-            first: Index.
-            second: Index.
             most_m: Distances from here on need not be told apart.
 
         Returns:
@@ -330,7 +328,6 @@ def collision_rows(
 
     Args:
         chain: As the controller has it.
-        bodies: All bodies.
         q: (n, 6) rad.
         tool: (n,).
         standing: Part and floor.

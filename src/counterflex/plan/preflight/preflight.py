@@ -130,7 +130,6 @@ def preflight(
     Args:
         path: As a machine runs it, without stops of planning.
         stock: The blank; left as it is.
-        setting: Cell.
         bounds: What the checks of motion compare with.
         machining: What the checks of the cut compare with.
         bodies: Coarse bodies of the cell.

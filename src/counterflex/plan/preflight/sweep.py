@@ -58,12 +58,7 @@ class JointSweep:
         return out
 
     def motion(self, first: int, second: int) -> float:
-        """Return a bound of the motion of any point between two rows, m.
-
-        Args:
-            first: Row.
-            second: Row.
-        """
+        """Return a bound of the motion of any point between two rows, m."""
         way = float(self._length(self._place[second] - self._place[first]))
         if self._turn is None:
             return way

@@ -98,9 +98,7 @@ def margins(
     """Margin of every stretch of a path.
 
     Args:
-        path: As machined.
         stock: The blank; left as it is.
-        setting: Cell.
         structure: What swings.
         blank: The blank as a box, see :func:`counterflex.plan.stability.stretches.stretches_of`.
         progress: Progress callback, fraction 0 to 1.

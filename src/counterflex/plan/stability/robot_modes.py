@@ -30,7 +30,6 @@ def robot_modes(chain: ElasticChain, q: Float, to_part: Float, measured: Mode | 
     """Modes below :data:`HIGHEST_HZ` in a posture, and the lowest, shapes in part axes.
 
     Args:
-        chain: Springs and masses.
         q: (6,) rad.
         to_part: (6, 6) motion of the tool relative to the part, part axes, from that of the hand, base axes: of
             :class:`counterflex.plan.relative_motion.RelativeMotion`.
@@ -61,7 +60,6 @@ def drawn_modes(
     """Modes of many postures and of robots whose springs differ from those of the chain.
 
     Args:
-        chain: Springs and masses.
         q: (k, 6) rad.
         to_part: (k, 6, 6), or (1, 6, 6) where it is the same in all.
         measured: Lowest mode of a tap test, or None; used where the chain has no masses of its own.

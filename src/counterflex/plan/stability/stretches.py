@@ -78,7 +78,6 @@ def stretches_of(
     Plunges have no side engagement and give no stretch; what the end face does on a ramp is left out.
 
     Args:
-        path: As machined.
         stock: The blank; it is cut in place.
         cutter_of: Gives the cutter of a tool number.
         blank: The blank as a box, for arcs that do not depend on cells; None: it is none.

@@ -159,7 +159,6 @@ def grid(cutter_cuts: Sequence[SideCuts], spindle_rad_s: Float) -> tuple[SideCut
     """Every cut with every spindle speed; what :func:`outcomes` takes.
 
     Args:
-        cutter_cuts: Cuts with one cutter.
         spindle_rad_s: (k,) speeds.
 
     Raises:

@@ -23,7 +23,6 @@ def read_apt(text: str, *, name: str = "program", complete: bool = False, listed
     :data:`~counterflex.programs.program.TOOL_VECTOR`.
 
     Args:
-        name: Its name, for errors.
         complete: Refuse a text that stops without FINI or END-OF-PATH.
         listed: Keep motions to places that are not known (GOHOME), marked.
 

@@ -87,7 +87,6 @@ def written(
     Args:
         p_start: (3,) m.
         p_centre: (3,) m.
-        radius_m: Of the circle.
         p_end: (3,) m.
         turn_rad: Positive is counter-clockwise seen from +z.
         coordinate: A length in m as it is written.

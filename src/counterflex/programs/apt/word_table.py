@@ -79,7 +79,6 @@ _REFUSED: Final[tuple[tuple[str, str, str, str], ...]] = (
     ("THREAD TAP PROBE TURRET", "threads, probing and turning are not milling of a path", _GOTO, "*/1"),
     ("CLAMP", "a clamp may stop an axis", "Take it out of the file", "CLAMP/ON"),
 )  # fmt: skip
-COMMENT: Final = "$$"
 NOTES: Final = "CSI_"
 """Beginning of the words that SolidWorks CAM writes for its own post processors."""
 

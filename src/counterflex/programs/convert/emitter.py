@@ -20,7 +20,6 @@ from counterflex.programs.convert.steps import MachineFunction, Move, Step
 from counterflex.programs.program import Program
 
 UPRIGHT: Final = 5e-5
-_SAME_M: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -68,11 +67,7 @@ class ProgramEmitter(ABC):
         self._chords = 0
 
     def write(self, steps: Sequence[Step]) -> Written:
-        """Write all steps.
-
-        Raises:
-            ProgramError: The language cannot say one; names line and word.
-        """
+        """Write all steps. Raises ProgramError: the language cannot say one; names line and word."""
         self.turning = any(map(_tilted, steps))
         self.begin()
         for at, step in enumerate(steps):

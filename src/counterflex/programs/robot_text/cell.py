@@ -131,11 +131,7 @@ class NumberedFrames:
             self.tool_of_data = self.cell.tool_of_data
 
     def set_tool_data(self, number: int, where: str) -> None:
-        """The tool frame with a number is active.
-
-        Raises:
-            ProgramError: The cell plans with another one.
-        """
+        """The tool frame with a number is active. Raises ProgramError: the cell plans with another one."""
         self.tool_known, self.R_tcp_tool = True, np.eye(3)
         cell = self.cell
         if cell is None:
@@ -153,11 +149,7 @@ class NumberedFrames:
             )  # fmt: skip
 
     def set_base_data(self, number: int, where: str) -> None:
-        """The targets are in the frame with a number.
-
-        Raises:
-            ProgramError: The cell's part frame is another one.
-        """
+        """The targets are in the frame with a number. Raises ProgramError: the cell's part frame is another one."""
         self.base_known = True
         if self.cell is not None and number != self.base_number:
             word = self.base_word.format(self.base_number)

@@ -265,7 +265,6 @@ class ExecutionByAxes(Execution, Generic[Move]):
 
         Args:
             T_part_tcp: (4, 4) m, where it ends; None where that is not known.
-            where: File and line.
             unknown: Why it is not known.
             check: Called before it is made, see :class:`Away`.
             axes_deg: See :class:`Away`.

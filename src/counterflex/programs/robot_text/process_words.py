@@ -61,7 +61,6 @@ class ProcessWords:
 
         Args:
             statements: Lines of the program that are no mere comments, comments behind them included.
-            at: Index of the first one.
             where: File and line, for errors.
 
         Raises:

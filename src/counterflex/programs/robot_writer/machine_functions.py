@@ -242,11 +242,7 @@ def only_said(lines: Sequence[str], comment: str) -> int | None:
 
 
 def refuse_only_said(lines: Sequence[str], comment: str, where: str) -> None:
-    """Refuse a program that starts the spindle or changes the tool by a comment alone.
-
-    Raises:
-        ProgramError: It does.
-    """
+    """Refuse a program that starts the spindle or changes the tool by a comment alone. Raises ProgramError: it does."""
     at = only_said(lines, comment)
     if at is not None:
         raise ProgramError(

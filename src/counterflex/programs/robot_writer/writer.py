@@ -144,11 +144,7 @@ class RobotSettings:
     turning_axes: frozenset[int] = frozenset()
 
     def check(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A setting is out of range.
-        """
+        """Check ranges. Raises InputError: a setting is out of range."""
         as_float("start_axes_rad", self.start_axes_rad, (6,))
         for key in ("rapid_m_s", "orientation_deg_s", "cycle_s"):
             as_positive(key, getattr(self, key))

@@ -148,7 +148,6 @@ class FrameFormat:
 
         Args:
             w_sensor: (6,) N, N m; what does not fit an integer field stands at its end, what is no number is 0.
-            sequence: Number of the sample.
             status: Status bits.
         """
         row = np.zeros(1, dtype=self.dtype)

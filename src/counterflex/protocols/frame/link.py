@@ -30,11 +30,7 @@ class FrameSource:
     request: bytes = b""  # sent once in every cycle, for a sensor that answers requests
 
     def __post_init__(self) -> None:
-        """A stream without a header cannot be cut into frames.
-
-        Raises:
-            InputError: It is one.
-        """
+        """A stream without a header cannot be cut into frames. Raises InputError: it is one."""
         if self.transport == "tcp" and not self.frame.header:
             raise InputError("frames over TCP need a header, to be found in the stream")
 

@@ -53,9 +53,6 @@ class RobotLink(Protocol):
     def wait(self, timeout_s: float) -> bool:
         """Wait for a telegram, then take all that are there and keep the newest good one.
 
-        Args:
-            timeout_s: Longest wait.
-
         Returns:
             Whether there is a telegram to be answered. :attr:`elapsed` says how many cycles passed.
         """

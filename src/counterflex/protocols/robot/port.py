@@ -92,7 +92,6 @@ class RobotPort:
         """Wait for a datagram, then take all that are there.
 
         Args:
-            timeout_s: Longest wait.
             read: Told the length of each datagram of the peer in :attr:`data`; keeps what it needs of it.
             waiting: Datagrams that were taken from the wire already, and not looked at.
 

@@ -126,11 +126,7 @@ class UdpWire:
 
 
 def host_address(host: str) -> int:
-    """IPv4 address of a host as a number.
-
-    Raises:
-        InputError: There is no such host.
-    """
+    """IPv4 address of a host as a number. Raises InputError: there is no such host."""
     try:
         return int.from_bytes(socket.inet_aton(socket.gethostbyname(host)), "big")
     except OSError as fault:

@@ -208,9 +208,6 @@ class OnlineSession:
     def cycle(self, timeout_s: float) -> bool:
         """Wait for a telegram and handle it.
 
-        Args:
-            timeout_s: Longest wait.
-
         Returns:
             False where none came: the loop has then done a cycle without one, and nothing was sent.
         """

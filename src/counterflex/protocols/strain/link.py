@@ -120,15 +120,3 @@ class StrainLink(DatagramLink):
         """Too few bridges show a new number."""
         still = [same >= reading.FROZEN - 1 for same in self._same[: self.bridges].tolist()].count(True)
         return bool(self.bridges - still - sum(self._missing.tolist()) < self._least)
-
-    def out_of_order(self) -> list[str]:
-        """Faults of bridges in the last datagram, in words: ``bridge 2 broken``."""
-        words = []
-        for k in range(self.bridges):
-            if self._missing[k]:
-                words.append(f"bridge {k + 1} broken")
-            elif self._outside[k]:
-                words.append(f"bridge {k + 1} beyond its range")
-            elif self._same[k] >= reading.FROZEN - 1:
-                words.append(f"bridge {k + 1} repeats its last value")
-        return words

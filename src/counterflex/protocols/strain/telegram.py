@@ -26,8 +26,6 @@ from counterflex.protocols.strain import kernel as reading
 MAGIC: Final = b"CFS1"
 HEAD: Final = struct.Struct("<4sIQIId")
 FEWEST, MOST = reading.FEWEST, reading.MOST
-RATES_HZ: Final = (100.0, 4000.0)
-"""Rates of a stream. Below 500 Hz the oscillation of the arm is no longer resolved; above 2 kHz nothing is gained."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +39,7 @@ class StrainSample:
     strain: Float  # (n,) of each bridge, dimensionless
 
     def telegram(self) -> bytes:
-        """A reading as a datagram: the amplifier's side.
-
-        Raises:
-            ProtocolError: A number does not fit its field.
-        """
+        """A reading as a datagram: the amplifier's side. Raises ProtocolError: a number does not fit its field."""
         count = len(self.strain)
         if not FEWEST <= count <= MOST:
             raise ProtocolError("number of bridges of a strain datagram", value=count, limit=f"{FEWEST}..{MOST}")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,21 +22,8 @@ _END: Final = b"end"
 _LONGEST_S: Final = 10.0
 
 
-@dataclass(frozen=True, eq=False)
-class Timed:
-    """Samples of n cycles, s."""
-
-    late_s: Float  # (n,) after the moment at which the loop wanted to wake up
-    compute_s: Float  # (n,) time of the step
-    echo_s: Float  # (n,) until the datagram was back; not-a-number where it was not within a cycle
-
-
 def echo_socket() -> socket.socket:
-    """A socket on loopback for :func:`echo`.
-
-    Raises:
-        OutputError: There is no loopback interface.
-    """
+    """A socket on loopback for :func:`echo`. Raises OutputError: there is no loopback interface."""
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         out.bind(("127.0.0.1", 0))
@@ -81,7 +67,7 @@ def await_echo(peer: tuple[str, int]) -> None:
 
 def measure(
     cycle: Callable[[int], None], cycles: int, period_s: float, peer: tuple[str, int], *, warm: int = 50
-) -> Timed:
+) -> tuple[Float, Float, Float]:
     """Run a loop and time its parts.
 
     Args:
@@ -90,6 +76,10 @@ def measure(
         period_s: Cycle time.
         peer: Address of :func:`echo`; told to end afterwards.
         warm: Cycles before the measured ones.
+
+    Returns:
+        (n,) s each: how late the loop woke up, time of its step, time until the datagram was back; the last is
+        not-a-number where it was not within a cycle.
     """
     late, compute, back = (np.full(cycles, np.nan) for _ in range(3))
     buffer = bytearray(2048)
@@ -118,7 +108,7 @@ def measure(
             missed = max(0.0, time.perf_counter() - due) // period_s
             due += period_s * (1.0 + missed)
         own.sendto(_END, peer)
-    return Timed(late, compute, back)
+    return late, compute, back
 
 
 def _flush(own: socket.socket, buffer: bytearray, period_s: float) -> None:

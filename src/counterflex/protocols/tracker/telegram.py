@@ -51,11 +51,7 @@ class TrackerPose:
     sigma_m: float  # standard deviation of the position, 0 where not known
 
     def telegram(self) -> bytes:
-        """A measurement as a datagram: the tracker's side.
-
-        Raises:
-            ProtocolError: A number does not fit its field.
-        """
+        """A measurement as a datagram: the tracker's side. Raises ProtocolError: a number does not fit its field."""
         T = self.T_tracker_target
         quat = rotation.quat_wxyz(T[:3, :3])
         try:

@@ -64,10 +64,12 @@ class Wrench:
     source: int  # see the table
     w_sensor: tuple[float, float, float, float, float, float]  # Fx Fy Fz N, Mx My Mz N m
 
-    @property
-    def usable(self) -> bool:
-        """Return whether the numbers may be used."""
-        return not self.status & (SATURATED | INVALID)
+    def written(self) -> bytes:
+        """The measurement as a datagram: the source's side. Raises ProtocolError: a number does not fit its field."""
+        try:
+            return DATAGRAM.pack(MAGIC, self.sequence, self.time_ns, self.status, self.source, *self.w_sensor)
+        except struct.error as fault:
+            raise ProtocolError("a wrench does not fit its datagram", value=self.sequence) from fault
 
 
 def read_wrench(data: bytes) -> Wrench:
@@ -92,27 +94,12 @@ def read_wrench(data: bytes) -> Wrench:
     return Wrench(sequence, time_ns, status, source, (w[0], w[1], w[2], w[3], w[4], w[5]))
 
 
-def write_wrench(measured: Wrench) -> bytes:
-    """A measurement as a datagram: the source's side.
-
-    Raises:
-        ProtocolError: A number does not fit its field.
-    """
-    try:
-        return DATAGRAM.pack(
-            MAGIC, measured.sequence, measured.time_ns, measured.status, measured.source, *measured.w_sensor
-        )
-    except struct.error as fault:
-        raise ProtocolError("a wrench does not fit its datagram", value=measured.sequence) from fault
-
-
 def rows_of(data: NDArray[np.uint8], lengths: NDArray[np.int64], count: int) -> tuple[NDArray[Any], Bool]:
     """Several datagrams at once.
 
     Args:
         data: (n, size) one datagram in a row, what lies behind its end means nothing; size at least 72.
         lengths: (n,) bytes of each.
-        count: How many there are.
 
     Returns:
         (count,) rows of :data:`FIELDS`, and which of them :func:`read_wrench` would read.

@@ -114,11 +114,7 @@ class ElasticChain(Segments):
 
 
 def joint_angles(q: Float) -> Float:
-    """Return ``q`` as a checked (..., 6) float64 array.
-
-    Raises:
-        InputError: Wrong shape or not finite.
-    """
+    """Return ``q`` as a checked (..., 6) float64 array. Raises InputError: wrong shape or not finite."""
     return _six("q", q)
 
 

@@ -11,7 +11,7 @@ smallest singular value of the Jacobian with its linear rows divided by L.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -42,10 +42,9 @@ class Solution:
     sigma_min: float  # smallest singular value of the scaled Jacobian; 0 at any singularity
     extension_m: float | None  # how far the wrist centre lies inside the arm's reach (rigid OPW geometry), or None
 
-    @property
-    def singular(self) -> bool:
-        """Too close to a singularity for motion or correction."""
-        return self.sigma_min < SIGMA_FLOOR
+    def breaks_coupled(self, chain: ElasticChain) -> bool:
+        """True where only the controller's coupled axis 3 is out of its limits."""
+        return chain.axes.coupled and self.limit_margin_rad < -opw.LIMIT_SLACK_RAD
 
 
 @dataclass(frozen=True)
@@ -59,6 +58,11 @@ class PathSolution:
     wrist: Float  # (n,) `|sin|` of the angle between axes 4 and 6
     sigma_min: Float  # (n,) smallest value of the scaled Jacobian at the point and on the way to it
     extension_m: Float | None  # (n,) reserve of reach (rigid OPW geometry), or None without such geometry
+
+    def passing(self) -> PathSolution:
+        """The same as rows on which no linear motion passes."""
+        n = len(self.q)
+        return replace(self, wrist=np.ones(n), sigma_min=np.full(n, np.inf))
 
 
 def inverse_all(
@@ -103,7 +107,7 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
         q = _wrapped(q)
         choices = opw.turns(q, chain.joint_limits_rad)
         for one in _solutions(chain, target, choices, sigma, wrist):
-            (outside if _breaks_coupled(chain, one) else results).append(one)
+            (outside if one.breaks_coupled(chain) else results).append(one)
         # No turn is within limits: the one nearest to the middle of the range breaks them least, and the error says by
         # how much.
         if len(choices) == 0:
@@ -305,11 +309,6 @@ def _solutions(chain: ElasticChain, target: Float, rows: Float, sigma: float, wr
         inside = None if reserve is None else float(reserve)
         results.append(Solution(q, branch, float(margin), int(axis), wrist, sigma, inside))
     return results
-
-
-def _breaks_coupled(chain: ElasticChain, solution: Solution) -> bool:
-    """True where only the controller's coupled axis 3 is out of its limits."""
-    return chain.axes.coupled and solution.limit_margin_rad < -opw.LIMIT_SLACK_RAD
 
 
 def _distinct(problem: _Problem, target: Float, starts: Sequence[Float]) -> list[tuple[Float, float, float]]:

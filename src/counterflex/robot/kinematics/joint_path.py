@@ -116,7 +116,7 @@ def solve_pieces(
                 fault.what, where=f"path point {point}", value=fault.value, limit=fault.limit, hint=fault.hint,
                 **(fault.data | {"point": point}),
             ) from fault  # fmt: skip
-        solved.append(_passing(one) if alone else one)
+        solved.append(one.passing() if alone else one)
     return _joined(solved)
 
 
@@ -151,14 +151,6 @@ def _stated(chain: ElasticChain, q: Float, branch: str) -> PathSolution:
     axis = margin.argmin(axis=1)
     one, big = np.ones(1), np.full(1, np.inf)
     return PathSolution(q[None].copy(), branch, margin.min(axis=1), axis, one, big, None)
-
-
-def _passing(one: PathSolution) -> PathSolution:
-    """A row on which no linear motion passes."""
-    n = len(one.q)
-    return PathSolution(
-        one.q, one.branch, one.limit_margin_rad, one.limit_axis, np.ones(n), np.full(n, np.inf), one.extension_m
-    )
 
 
 def _joined(solved: list[PathSolution]) -> PathSolution:

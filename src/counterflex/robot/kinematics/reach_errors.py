@@ -111,7 +111,6 @@ def path_fault(chain: ElasticChain, T_base_tcp: Float, point: int, code: int, fa
 
     Args:
         T_base_tcp: (4, 4) pose of that point, m.
-        code: How it ended.
         fault: (2,) as the kernel leaves it.
         floor: Smallest sigma_min accepted.
     """

@@ -218,7 +218,6 @@ class DrivePrior:
         """Return the median play and friction behind the gear of an axis 0..5.
 
         Args:
-            axis: Number.
             share: Of the compliance of the axis that is the gear's, in which friction holds a twist; less than 1 for a
                 spring that stands for the whole arm.
         """

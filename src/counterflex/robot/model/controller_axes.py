@@ -149,12 +149,6 @@ class ControllerAxes:
         out[..., 2, 3] -= self.world_m
         return out
 
-    def in_base(self, T_world_a: Float) -> Float:
-        """(..., 4, 4) m, a frame of the controller's world in the base; the inverse of :meth:`in_world`."""
-        out: Float = np.array(T_world_a, dtype=np.float64)
-        out[..., 2, 3] += self.world_m
-        return out
-
     def model_limits(self, q3_limits_rad: Float | None = None) -> Float:
         """(6, 2) smallest box of the model's angles that holds every pose within the limits of the controller's axes.
 
@@ -280,7 +274,6 @@ def from_signs(
     zeros_rad: tuple[float, ...],
     axis_2_m: float,
     axis_3: Axis3 | None = None,
-    limits_rad: Float | None = None,
 ) -> ControllerAxes:
     """Axes of an arm whose model says only how its angles are counted: ``j = sign q + zero``, then the coupling.
 
@@ -294,7 +287,7 @@ def from_signs(
     om = np.array(rule.offsets_deg) * DEG
     offsets = tuple(float(value) for value in om - np.array(rule.signs) * np.array(zeros_rad))
     model_signs = tuple(int(a * b) for a, b in zip(signs, rule.signs, strict=True))
-    return from_geometry(maker, model_signs, offsets, axis_2_m, axis_3, limits_rad)
+    return from_geometry(maker, model_signs, offsets, axis_2_m, axis_3)
 
 
 def in_language(

@@ -48,7 +48,6 @@ def growth(regions: Sequence[ElasticRegion], names: Sequence[str], q: Float) -> 
     """Factors on all compliances of a chain.
 
     Args:
-        regions: Any number.
         names: n segments of the chain.
         q: (..., 6) rad.
 
@@ -90,7 +89,6 @@ def check_regions(regions: Sequence[ElasticRegion], names: Sequence[str], compli
     """Check that regions can belong to a chain.
 
     Args:
-        regions: To check.
         names: n segments of the chain.
         compliance: (n, 6) m/N, rad/(N m).
 
@@ -146,7 +144,6 @@ def check_curves(curves: Sequence[ComplianceCurve], names: Sequence[str], compli
     """Check that curves can belong to a chain.
 
     Args:
-        curves: To check.
         names: n segments of the chain.
         compliance: (n, 6) m/N, rad/(N m).
 

@@ -26,7 +26,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, MS
 from counterflex.runtime.axis_gains import AxisGains
-from counterflex.runtime.design.tracker import DesignGoals, Margins, largest_that, margins_of, neighbours
+from counterflex.runtime.design.tracker import DesignGoals, Margins, largest_that, margins_of
 from counterflex.runtime.design.tracker_plant import Complex, TrackerPlant
 
 _POINTS: Final = 500
@@ -56,8 +56,8 @@ class AxisDesign:
 
 def robots(plant: TrackerPlant, goals: DesignGoals) -> tuple[TrackerPlant, ...]:
     """Every robot that margins hold for: as known first, its neighbours, and all once more with the mode unseen."""
-    seen = neighbours(plant, goals)
-    return seen if plant.mode_per_s == 0.0 else (*seen, *neighbours(replace(plant, mode_per_s=0.0), goals))
+    seen = goals.neighbours(plant)
+    return seen if plant.mode_per_s == 0.0 else (*seen, *goals.neighbours(replace(plant, mode_per_s=0.0)))
 
 
 def radius(plant: TrackerPlant, gains: AxisGains) -> float:
@@ -70,7 +70,6 @@ def worst_margins(plants: tuple[TrackerPlant, ...], gains: AxisGains) -> tuple[M
 
     Args:
         plants: The first gives the crossover.
-        gains: Of the axis.
     """
     f = _grid(plants[0].period_s)
     return _worst(plants, [plant.response(f) for plant in plants], gains, f)

@@ -53,7 +53,6 @@ def lag_filter(delays: Delays, period_s: float, mode: tuple[float, float] | None
 
     Args:
         delays: Of program and correction.
-        period_s: Cycle.
         mode: Lowest mode, Hz, and its damping ratio; None leaves the motion as it is.
 
     Raises:
@@ -147,6 +146,24 @@ class DesignGoals:
     sensitivity: float = 1.6  # largest Ms
     mode_off: float = 0.15  # relative error of the mode's frequency, both ways, at which they still hold
     lag_off: float = 0.10  # relative error of lag and delay, likewise
+
+    def neighbours(self, plant: TrackerPlant) -> tuple[TrackerPlant, ...]:
+        """The robot as known, and off from it by what these goals allow for."""
+        out = [plant]
+        for mode in (-1.0, 0.0, 1.0) if plant.mode_per_s > 0.0 else (0.0,):
+            for lag in (-1.0, 0.0, 1.0):
+                if mode == 0.0 and lag == 0.0:
+                    continue
+                slower = 1.0 + lag * self.lag_off
+                out.append(
+                    replace(
+                        plant,
+                        mode_per_s=plant.mode_per_s * (1.0 + mode * self.mode_off),
+                        natural_per_s=plant.natural_per_s / slower,
+                        delay_s=plant.delay_s * slower,
+                    )
+                )
+        return tuple(out)
 
 
 def margins_of(response: Complex, frequency_hz: Float, stable: bool) -> Margins:
@@ -254,25 +271,6 @@ def notch_at(mode_per_s: float, damping: float, period_s: float) -> tuple[float,
     )
 
 
-def neighbours(plant: TrackerPlant, goals: DesignGoals) -> tuple[TrackerPlant, ...]:
-    """The robot as known, and off from it by what the goals allow for."""
-    out = [plant]
-    for mode in (-1.0, 0.0, 1.0) if plant.mode_per_s > 0.0 else (0.0,):
-        for lag in (-1.0, 0.0, 1.0):
-            if mode == 0.0 and lag == 0.0:
-                continue
-            slower = 1.0 + lag * goals.lag_off
-            out.append(
-                replace(
-                    plant,
-                    mode_per_s=plant.mode_per_s * (1.0 + mode * goals.mode_off),
-                    natural_per_s=plant.natural_per_s / slower,
-                    delay_s=plant.delay_s * slower,
-                )
-            )
-    return tuple(out)
-
-
 @lru_cache(maxsize=32)
 def design(plant: TrackerPlant, goals: DesignGoals | None = None, *, notch: bool = True) -> TrackerGains:
     """Largest gains that keep the margins, on the robot as known and on its neighbours; found once per process.
@@ -292,7 +290,7 @@ def design(plant: TrackerPlant, goals: DesignGoals | None = None, *, notch: bool
     if notch and plant.mode_per_s > 0.0:
         shape = notch_at(plant.mode_per_s, plant.mode_damping, plant.period_s)
     ratio = plant.slow_s / plant.period_s - 0.5  # the sum has half a cycle of its own
-    robots = neighbours(plant, requested)
+    robots = requested.neighbours(plant)
     f = grid(plant.period_s)
     answers = [robot.response(f) for robot in robots]
     fits = partial(_fits, max(0.0, ratio), shape, list(zip(robots, answers, strict=True)), f, requested)

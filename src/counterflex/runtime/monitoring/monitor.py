@@ -93,7 +93,6 @@ class Monitor:
         """Look at a cycle; may ask for a feed hold in ``result``.
 
         Args:
-            given: GIVEN of the step.
             result: RESULT of the step; ``feed_hold`` may be set.
             place: (2,) on the plan.
         """

@@ -19,11 +19,7 @@ class OverrideSettings:
     delay_s: float = 0.05  # from asking until the robot goes slower
 
     def __post_init__(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A number is out of range.
-        """
+        """Check ranges. Raises InputError: a number is out of range."""
         as_positive("override: tolerance_m", self.tolerance_m)
         as_positive("override: change_per_s", self.change_per_s)
         as_positive("override: delay_s", self.delay_s, zero=True)

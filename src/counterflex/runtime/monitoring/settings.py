@@ -79,11 +79,7 @@ class MonitorSettings:
     sample_s: float = 1.0 * MS  # period of the force sensor
 
     def __post_init__(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A number is out of range, or a reaction is missing.
-        """
+        """Check ranges. Raises InputError: a number is out of range, or a reaction is missing."""
         above = "margin_n false_alarms_per_h model_sigma noise_n fast_noise_n filter_s missing_m overload_s breakage_s"
         above += " chatter_s chatter_share low_chatter_s low_chatter_share settle_s wear_bin_m wear_false_alarm_m"
         above += " wear_rise clear_s exponent period_s"
@@ -217,7 +213,6 @@ def unwatched(
     """Everything is watched and nothing reacts: what a loop does that was not told.
 
     Args:
-        online: Settings of the loop.
         exponent: Of the force in the feed per tooth.
         inertia_kg: Mass behind the force sensor whose inertia it feels.
         ring_s: Over which a swing of the arm dies away to 1/e.

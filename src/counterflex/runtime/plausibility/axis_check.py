@@ -109,8 +109,3 @@ class AxisCheck:
     def learnt(self) -> bool:
         """Return whether there is an offset."""
         return bool(self._check.learnt == 1)
-
-    @property
-    def disagreement(self) -> tuple[float, float]:
-        """Disagreement of the last telegram, offset taken off, m and rad."""
-        return float(self._check.distance_m), float(self._check.angle_rad)

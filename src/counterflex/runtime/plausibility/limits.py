@@ -24,11 +24,7 @@ class AxisTolerance:
     offset_rad: float = 3.0 * DEG  # likewise
 
     def __post_init__(self) -> None:
-        """Check that they are lengths and angles above zero.
-
-        Raises:
-            InputError: One is not.
-        """
+        """Check that they are lengths and angles above zero. Raises InputError: one is not."""
         for name in ("position_m", "rotation_rad", "offset_m", "offset_rad"):
             as_positive(f"axis check: {name}", getattr(self, name))
 
@@ -109,7 +105,6 @@ class Plausibility:
 
         Args:
             out: :data:`counterflex.runtime.state.doubts.LIMITS`; written.
-            period_s: Cycle.
             mode: Lowest mode of the arm, Hz, and its damping ratio, about which it swings when a load comes or goes;
                 None: of a robot that does not swing.
             gain: Of the tracker's integrator, per cycle; 0: none, the mirror image is not judged.

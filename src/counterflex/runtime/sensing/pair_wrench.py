@@ -36,11 +36,7 @@ class PairTuning:
     differ_s: float = 0.1  # how long they may differ by more before it is an alarm; meanwhile the force stands still
 
     def __post_init__(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A number that is not above zero, or an age below zero.
-        """
+        """Check ranges. Raises InputError: a number that is not above zero, or an age below zero."""
         for name in ("noise_n", "zero_n", "walk_n", "slew_n", "gate", "differ_n", "differ_s"):
             as_positive(f"two sensors: {name}", getattr(self, name))
         for value in self.holder_walk_n:
@@ -124,7 +120,6 @@ class PairWrench:
             q: (6,) rad.
             w_sensor: (6,) N, N m reading of the flange sensor; the holder's samples are in the arrays of its receiver.
             time_s: Since the flange sensor's zero.
-            temperature_c: Of it.
         """
         p, fresh = self.paired, self.fresh
         if fresh & FIRST:

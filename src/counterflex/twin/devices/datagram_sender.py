@@ -31,7 +31,6 @@ def keep_pace(
     Args:
         times_s: Of the samples, s since the start, not decreasing; may never end.
         tick: Told the number of the sample and its time; returns whether to go on.
-        now: The clock, s.
         wait: Waits for so many seconds.
 
     Returns:
@@ -133,7 +132,6 @@ class TrackerSender(DatagramSender):
 
         Args:
             T_tracker_target: (4, 4) m.
-            time_s: Since the start.
             time_ns: On the tracker's own clock; None is ``time_s`` in ns.
             status: Status bits; with a broken beam the last pose is sent again.
             sigma_m: Standard deviation of the position, 0 where not known.

@@ -72,11 +72,7 @@ class ExactRobot:
     def advance(
         self, cartesian: Float, axes: Float | None = None, override: float = 1.0, T_part_guided: Float | None = None
     ) -> Report:
-        """See :class:`ControlledRobot`.
-
-        Raises:
-            ReachError: The pose cannot be reached.
-        """
+        """See :class:`ControlledRobot`. Raises ReachError: the pose cannot be reached."""
         q_nominal, T_part_nominal, q = self._motion.advance(cartesian, axes, override, T_part_guided)
         self._cycle += 1
         return Report(

@@ -59,7 +59,6 @@ class StrainSender(DatagramSender):
         Args:
             strain: (n,) dimensionless.
             temperature_c: deg C.
-            time_s: Since the start.
             time_ns: On the amplifier's own clock; None is ``time_s`` in ns.
         """
         condition = self._condition(time_s)

@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import NS
-from counterflex.protocols.wrench.telegram import INVALID, SATURATED, Wrench, write_wrench
+from counterflex.protocols.wrench.telegram import INVALID, SATURATED, Wrench
 from counterflex.twin.devices.datagram_sender import DatagramSender
 from counterflex.twin.network.faults import FaultSchedule
 
@@ -47,7 +47,7 @@ class WrenchSender(DatagramSender):
         super().__init__(peer, faults)
         self.status, self.address, self.http_address = 0, None, None
         self._period_s = 1.0 / rate_hz
-        self._source, self._write = source, write if write is not None else write_wrench
+        self._source, self._write = source, write if write is not None else Wrench.written
         self._shown: Float = np.zeros(6)
 
     def counts(self, _: int, /) -> dict[str, int]:

@@ -45,11 +45,7 @@ class RecordedWrench:
     repeat: bool = False  # begin again after the end
 
     def __post_init__(self) -> None:
-        """Check shapes.
-
-        Raises:
-            InputError: Fewer than two rows, or times that do not increase.
-        """
+        """Check shapes. Raises InputError: fewer than two rows, or times that do not increase."""
         as_float("w_record", self.w_record, (len(self.time_s), 6))
         if len(self.time_s) < 2 or np.any(np.diff(as_float("time_s", self.time_s, (None,))) <= 0.0):
             raise InputError("times of a recorded load do not increase", value=len(self.time_s), limit=">= 2 rows")

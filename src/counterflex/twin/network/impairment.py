@@ -29,11 +29,7 @@ class Burst:
     mean: float  # mean length of a burst, datagrams
 
     def __post_init__(self) -> None:
-        """Check that such a chain exists.
-
-        Raises:
-            InputError: It does not.
-        """
+        """Check that such a chain exists. Raises InputError: it does not."""
         if not self.mean >= 1.0:
             raise InputError("mean length of a burst", value=self.mean, limit=">= 1")
         if not 0.0 < self.share < 1.0 or self.into > 1.0:
@@ -63,11 +59,7 @@ class Stall:
     lost: bool = False  # they are dropped instead
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InputError: One is negative.
-        """
+        """Check the numbers. Raises InputError: one is negative."""
         if self.first < 0 or self.count < 1:
             raise InputError("stall of a network", value=(self.first, self.count), limit="first >= 0, count >= 1")
 
@@ -94,11 +86,7 @@ class Impairment:
     dies: int | None = None  # from this one on all are lost, or None
 
     def __post_init__(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A number is out of range.
-        """
+        """Check ranges. Raises InputError: a number is out of range."""
         for name in ("loss", "duplicate", "reorder", "flip", "truncate", "garbage"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InputError(f"impairment: {name}", value=getattr(self, name), limit="0..1")
@@ -184,11 +172,7 @@ class Schedule:
         return self._bad[n // _BLOCK][n % _BLOCK]
 
     def decide(self, n: int) -> tuple[Delivery, ...]:
-        """Deliveries of datagram n, counted from 0 on this way: none, one or two.
-
-        Raises:
-            InputError: n is negative.
-        """
+        """Deliveries of datagram n, counted from 0 on this way: none, one or two. Raises InputError: n is negative."""
         if n < 0:
             raise InputError("number of a datagram", value=n, limit=">= 0")
         made = self.impairment

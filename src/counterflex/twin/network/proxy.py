@@ -75,11 +75,7 @@ class DecisionLog:
 
 
 def read_decisions(path: Path) -> tuple[Recorded, Recorded]:
-    """Decisions of a log, there and back.
-
-    Raises:
-        FileFormatError: It is none.
-    """
+    """Decisions of a log, there and back. Raises FileFormatError: it is none."""
     decisions: tuple[dict[int, tuple[Delivery, ...]], dict[int, tuple[Delivery, ...]]] = ({}, {})
     hint = f"twin proxy --log writes one, with columns {', '.join(COLUMNS)}"
     text = file_content.text(path, hint)

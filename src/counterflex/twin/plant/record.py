@@ -63,7 +63,6 @@ class SimulatedCycles:
             path: Tool path of the program.
             reference: Interpolated by the controller, one row per cycle.
             Rs_part_command: (m, 3, 3) commanded orientation of the tool in those cycles.
-            stock: As machined.
             T_base_part: (4, 4) where the part truly lies.
             datum_residual_m: See :class:`Record`.
             T_base_tcp: (4, 4) tool frame of a spindle that stands, where the poses of ``self`` are those of the part.

@@ -44,7 +44,6 @@ def load_on_hand(plant: Plant, process: StockCutting, T_base_tcp: Float | None) 
     Args:
         plant: See :func:`tip_in_part`.
         process: Likewise; where the robot holds the part, it is told where that is now.
-        T_base_tcp: Likewise.
     """
     if T_base_tcp is None:
         return process.wrench(plant.p_base_tcp)

@@ -18,7 +18,6 @@ def move(plant: Plant, q: Float, w_tcp_base: Float | None = None, *, move_s: flo
         q: (6,) rad, reference of the drives at the end.
         w_tcp_base: (6,) N, N m load at the end, on the tool about the tip in base axes; None is none.
         move_s: T, s.
-        rest_s: Time to wait after it, s.
 
     Raises:
         SimulationError: The robot becomes unstable.

@@ -285,15 +285,6 @@ def instrumented_holder(
     return InstrumentedHolder(frame, np.array(rows), zero, per_kelvin)
 
 
-def compliance_at(frame: StrainFrame, p_holder_tcp: Float) -> Float:
-    """(3, 3) m/N of the tool tip by the holder alone, the spindle rigid."""
-    p = np.asarray(p_holder_tcp, dtype=np.float64)
-    G = np.concatenate([np.eye(3), skew(p)])
-    arm = p - np.array([0.0, 0.0, frame.shape.length_m])
-    out: Float = np.concatenate([np.eye(3), -skew(arm)], axis=1) @ frame.compliance @ G
-    return out
-
-
 WARM_K, WARM_S = 3.0, 900.0
 """How much the holder warms up from the begin of a run on, and over which time: a spindle at work."""
 THERMOMETER_K: Final = 0.05

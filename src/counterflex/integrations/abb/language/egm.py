@@ -37,7 +37,6 @@ def with_egm(text: str, switching: EgmSwitching, where: str, last: str | None = 
     between is taken out, because it comes from outside, once the loop is armed.
 
     Args:
-        where: Its name, for messages.
         last: Last MoveL of the path where it stands in another module, see :func:`last_move`.
 
     Raises:
@@ -90,7 +89,6 @@ def part_with_egm(text: str, where: str, *, first: bool, start: str = "") -> str
     """A module that the main one calls, for path correction.
 
     Args:
-        where: Its name, for messages.
         first: It holds the beginning of the path: its first MoveL stays as it is.
         start: Line of the main module that goes to the start posture: its tool and work object are those of the path.
 

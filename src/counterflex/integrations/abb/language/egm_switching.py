@@ -32,11 +32,7 @@ class EgmSwitching:
     correction_signal: str = ""  # Digital output that is 1 while the correction may act; empty: none
 
     def __post_init__(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A value that is dangerous or that EGM does not take.
-        """
+        """Check ranges. Raises InputError: a value that is dangerous or that EGM does not take."""
         if self.mode not in ("path", "pose"):
             raise InputError("mode of EGM", value=self.mode, limit="path or pose")
         if not 0.0 < self.timeout_s <= 0.1:

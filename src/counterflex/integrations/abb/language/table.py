@@ -13,8 +13,6 @@ from typing import Final
 from counterflex.integrations.abb.language.table_neutral import NEUTRAL_GROUPS
 from counterflex.programs.statement_table import Statement, StatementTable, Treatment
 
-_PATH: Final = "Post the path with MoveL and MoveC, process signals as statements of their own"
-_WITHOUT: Final = "Post the path without it"
 REFUSED_GROUPS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     (
         "the motion ends where a sensor says",

@@ -48,11 +48,7 @@ class RapidSettings(RobotSettings):
     work_object: str = ""  # Name of the wobjdata on the controller; empty: the module declares one of its own
 
     def check(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A setting is out of range.
-        """
+        """Check ranges. Raises InputError: a setting is out of range."""
         check_name(f"{self.name}_m", LIMITS, "RAPID")
         for tool, name in self.tool_data.items():
             self._check_theirs(name, f"tooldata of T{tool}", "tools.tooldata")

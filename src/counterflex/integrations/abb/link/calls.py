@@ -53,11 +53,7 @@ class EgmCalls:
 
 
 def read_egm_calls(path: str | Path) -> EgmCalls:
-    """Read a RAPID module (``.mod``, ``.modx``).
-
-    Raises:
-        FileFormatError: Missing, or no RAPID module.
-    """
+    """Read a RAPID module (``.mod``, ``.modx``). Raises FileFormatError: missing, or no RAPID module."""
     file = Path(path)
     text = content(file).decode("latin-1")
     return parse_egm_calls(text, str(file))

@@ -19,7 +19,6 @@ def readme(
     """Text of README.txt.
 
     Args:
-        cell: Name of the cell.
         table: Table ``[egm]`` of it.
         online: Table ``[online]`` of it.
         switching: What the program says to EGM.

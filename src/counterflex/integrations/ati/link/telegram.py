@@ -71,11 +71,7 @@ def request(command: int, samples: int = 0) -> bytes:
 
 
 def read_request(data: bytes) -> tuple[int, int]:
-    """Command and sample count of a request: the sensor's side.
-
-    Raises:
-        ProtocolError: Not a request.
-    """
+    """Command and sample count of a request: the sensor's side. Raises ProtocolError: not a request."""
     if len(data) != _REQUEST.size:
         raise ProtocolError("not a request of a force sensor", value=f"{len(data)} bytes", limit=_REQUEST.size)
     header, command, samples = _REQUEST.unpack(data)
@@ -228,25 +224,9 @@ class NetftRecord:
     status: int  # 0 good, :data:`MONITOR` a warning, anything else a fault
     counts: tuple[int, int, int, int, int, int]  # Fx Fy Fz Tx Ty Tz
 
-    @property
-    def usable(self) -> bool:
-        """True where the counts may be used."""
-        return self.status in (GOOD, MONITOR)
-
-
-def write_record(record: NetftRecord) -> bytes:
-    """A record as bytes: the sensor's side.
-
-    Raises:
-        ProtocolError: A number does not fit its field.
-    """
-    try:
-        return RECORD.pack(record.sequence, record.sample, record.status, *record.counts)
-    except struct.error as fault:
-        raise ProtocolError("a record's number does not fit its field", value=record.counts) from fault
-
-
-def lost(before: int, now: int) -> int:
-    """Records lost between two sequence numbers, with the wrap at 2^32; negative for a late or repeated one."""
-    step = (now - before) & 0xFFFFFFFF
-    return step - 1 if step < 0x80000000 else step - 0x100000000 - 1
+    def written(self) -> bytes:
+        """The record as bytes: the sensor's side. Raises ProtocolError: a number does not fit its field."""
+        try:
+            return RECORD.pack(self.sequence, self.sample, self.status, *self.counts)
+        except struct.error as fault:
+            raise ProtocolError("a record's number does not fit its field", value=self.counts) from fault

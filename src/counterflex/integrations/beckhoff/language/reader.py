@@ -166,7 +166,6 @@ def read_twincat(
     The zero of the active offset (G53 to G57, one of them) is the zero of the part; G71 (mm) is active at the start.
 
     Args:
-        name: Its name, for errors.
         complete: Refuse a text that stops without M2 or M30: it may have been cut off.
         machine: See :func:`~counterflex.integrations.siemens.language.reader.read_sinumerik`.
         folder: Not looked at: the control's subprograms are not read.

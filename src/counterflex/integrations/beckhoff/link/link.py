@@ -147,11 +147,7 @@ class AdsLink:
         self._places[one.name] = entry.index_group, entry.index_offset, len(ads.pack(kind, 0.0))
 
     def device_symbols(self) -> list[DeviceSymbol]:
-        """Everything that the device has.
-
-        Raises:
-            OutputError: It does not tell.
-        """
+        """Everything that the device has. Raises OutputError: it does not tell."""
         with self._explained("the symbols cannot be listed"):
             symbols = self._connection.get_all_symbols()
         texts = [(str(one.name), str(one.symbol_type), str(one.comment or "")) for one in symbols]
@@ -204,7 +200,6 @@ class AdsLink:
 
         Args:
             name: Of a symbol, here.
-            value: SI.
 
         Returns:
             The number in the type of the symbol, SI.

@@ -64,11 +64,7 @@ _NET_ID: Final = re.compile(r"[0-9]{1,3}(\.[0-9]{1,3}){5}")
 
 
 def net_id_bytes(net_id: str) -> bytes:
-    """An AMS net id ``1.2.3.4.1.1`` as six bytes.
-
-    Raises:
-        ProtocolError: It is none.
-    """
+    """An AMS net id ``1.2.3.4.1.1`` as six bytes. Raises ProtocolError: it is none."""
     parts = [int(part) for part in net_id.split(".")] if _NET_ID.fullmatch(net_id) else []
     if len(parts) != 6 or max(parts) > 255:
         raise ProtocolError("not an AMS net id", value=repr(net_id), limit="six numbers up to 255: 192.168.1.20.1.1")
@@ -119,11 +115,7 @@ def read_header(head: bytes) -> int:
 
 
 def read_frame(data: bytes) -> AmsFrame:
-    """Read a whole frame.
-
-    Raises:
-        ProtocolError: Its lengths contradict each other.
-    """
+    """Read a whole frame. Raises ProtocolError: its lengths contradict each other."""
     size = read_header(data[:HEADER])
     if len(data) != HEADER + size:
         raise ProtocolError("an ADS frame was cut", value=f"{len(data)} bytes", limit=f"{HEADER + size} bytes")
@@ -132,11 +124,7 @@ def read_frame(data: bytes) -> AmsFrame:
 
 
 def symbol_entry(name: str, kind: str, group: int, offset: int, comment: str = "") -> bytes:
-    """Return the entry of a symbol: place, size, type, names.
-
-    Raises:
-        ProtocolError: An unknown type.
-    """
+    """Return the entry of a symbol: place, size, type, names. Raises ProtocolError: an unknown type."""
     if kind not in TYPES:
         raise ProtocolError("unknown type of a PLC variable", value=kind, limit=", ".join(TYPES))
     code, form = TYPES[kind]
@@ -148,11 +136,7 @@ def symbol_entry(name: str, kind: str, group: int, offset: int, comment: str = "
 
 
 def pack(kind: str, value: float) -> bytes:
-    """A number as the PLC holds it.
-
-    Raises:
-        ProtocolError: An unknown type, or it does not fit.
-    """
+    """A number as the PLC holds it. Raises ProtocolError: an unknown type, or it does not fit."""
     if kind not in TYPES:
         raise ProtocolError("unknown type of a PLC variable", value=kind, limit=", ".join(TYPES))
     form = TYPES[kind][1]
@@ -163,11 +147,7 @@ def pack(kind: str, value: float) -> bytes:
 
 
 def unpack(kind: str, data: bytes) -> float:
-    """A number that the PLC holds.
-
-    Raises:
-        ProtocolError: Another size.
-    """
+    """A number that the PLC holds. Raises ProtocolError: another size."""
     try:
         return float(struct.unpack("<" + TYPES[kind][1], data)[0])
     except (struct.error, KeyError) as fault:

@@ -38,11 +38,7 @@ class FanucSettings(RobotSettings):
     T_flange_tcp: Float | None = None  # (4, 4) m, likewise of the first UTOOL
 
     def check(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A setting is out of range.
-        """
+        """Check ranges. Raises InputError: a setting is out of range."""
         check_name(self.name, LIMITS, "FANUC")
         super().check()
         if not _CONFIG.fullmatch(self.configuration):

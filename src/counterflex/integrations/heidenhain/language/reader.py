@@ -329,7 +329,6 @@ def read_heidenhain(
     :data:`~counterflex.programs.program.TOOL_CENTRE`.
 
     Args:
-        name: Its name, for errors.
         complete: Refuse a text that stops without END PGM, M2 or M30: it may have been cut off.
         machine: Tools by name. ``known``: the tool starts at zero; else where it stands is not known before the
             program names its axes.

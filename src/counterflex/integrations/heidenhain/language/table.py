@@ -13,7 +13,6 @@ from counterflex.programs.statement_table import Statement, StatementTable, Trea
 _CAM: Final = "Let the CAM system write the tool-centre path"
 _MOVES: Final = "Let the CAM system write the moves of the cycle"
 _VALUE: Final = "Write the values themselves"
-_LEAVE: Final = "Leave it out, and write it by hand"
 
 M_READ: Final[dict[int, tuple[int, ...]]] = {
     0: (0,), 1: (1,), 2: (2,), 3: (3,), 4: (4,), 5: (5,), 6: (), 7: (7,), 8: (8,), 9: (9,), 13: (3, 8), 14: (4, 8),

@@ -20,8 +20,6 @@ from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.program import Motion, MotionKind, Word
 from counterflex.programs.unknown import Unknown
 
-_SAME_M: Final = 1e-9
-_STRAIGHT: Final = 1e-9
 _VECTOR: Final = ("TX", "TY", "TZ")
 _PLACE: Final = "Retract in coordinates of the part: L Z+100 R0 FMAX"
 _NAME_ALL: Final = "Write X, Y and Z without I"
@@ -105,11 +103,7 @@ class KlartextTargets:
             self.away = f"{name} in line {line}"
 
     def require_place(self, words: PathWords) -> None:
-        """Refuse a motion from a place that is not known.
-
-        Raises:
-            ProgramError: It begins at one.
-        """
+        """Refuse a motion from a place that is not known. Raises ProgramError: it begins at one."""
         if self.away:
             raise words.fault(
                 f"the program moves on after {self.away}, and where that leads is not known", None, _PLACE

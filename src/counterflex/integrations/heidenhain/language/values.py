@@ -139,11 +139,7 @@ def _key(name: str) -> str:
 
 
 def required(value: Value, use: str, where: str, text: str) -> float:
-    """Return a number that a statement needs.
-
-    Raises:
-        ProgramError: It is unknown.
-    """
+    """Return a number that a statement needs. Raises ProgramError: it is unknown."""
     out = known(value, use, where, text=text)
     assert isinstance(out, float | int)
     return float(out)

@@ -99,11 +99,7 @@ class PathWords:
         return self.part.fault(self._name, what, None if at is None else at.start, value, hint)
 
     def number(self, item: WordItem) -> float:
-        """Return the value of a word.
-
-        Raises:
-            ProgramError: It is not known.
-        """
+        """Return the value of a word. Raises ProgramError: it is not known."""
         return required(item.value, f"the value of {item.name}", self.part.place(self._name, item.start),
                         self.part.code)  # fmt: skip
 
@@ -137,11 +133,7 @@ class PathWords:
         return self.items[name]
 
     def finish(self) -> None:
-        """Refuse words that nothing used.
-
-        Raises:
-            ProgramError: There is one.
-        """
+        """Refuse words that nothing used. Raises ProgramError: there is one."""
         if self._unused:
             first = min((self.items[name] for name in self._unused), key=lambda item: item.start)
             raise self.fault("nothing in this block uses the word", first)

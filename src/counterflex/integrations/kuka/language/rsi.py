@@ -80,7 +80,6 @@ def with_correction(text: str, switching: rsi_switching.RsiSwitching, where: str
 
     Args:
         text: Of the ``.src`` file.
-        where: Its name, for messages.
         parts: Routines that hold parts of the path; names that end in a number of three digits do too. Where neither
             motions nor such parts are there, every call without arguments does.
 
@@ -224,7 +223,6 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, ou
     """Check that a file holds nothing that may not run under correction.
 
     Args:
-        where: Its name, for messages.
         first_only: It is the main file: PTP, tools and stops are judged elsewhere.
         output: Number of $OUT that says whether the correction may act: nobody else may set it.
 

@@ -38,11 +38,7 @@ class KrlSettings(RobotSettings):
     fixed_tool: bool = False
 
     def check(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A setting is out of range.
-        """
+        """Check ranges. Raises InputError: a setting is out of range."""
         check_name(self.name, LIMITS, "KRL")
         super().check()
         as_positive("acc_m_s2", self.acc_m_s2)

@@ -89,11 +89,7 @@ class RsiCalls:
 
 
 def read_calls(path: str | Path) -> RsiCalls:
-    """Read a KRL program (``.src``).
-
-    Raises:
-        FileFormatError: Missing, or no KRL program.
-    """
+    """Read a KRL program (``.src``). Raises FileFormatError: missing, or no KRL program."""
     file = Path(path)
     text = content(file).decode("latin-1")
     return parse_calls(text, str(file))

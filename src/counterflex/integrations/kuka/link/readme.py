@@ -26,7 +26,6 @@ def readme(
 
     Args:
         files: What was written.
-        cell: Name of the cell.
         main: Main file of the KRL program.
         programs: All KRL files.
         elsewhere: Routines that it calls and that are not among them.

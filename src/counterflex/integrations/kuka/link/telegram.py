@@ -61,11 +61,7 @@ class Reader:
         return self.read(np.frombuffer(data, dtype=np.uint8).copy() if data else np.zeros(1, np.uint8), len(data))
 
     def place(self, *names: str) -> Int:
-        """Places of values in :attr:`values`.
-
-        Raises:
-            InputError: The configuration has no such value.
-        """
+        """Places of values in :attr:`values`. Raises InputError: the configuration has no such value."""
         for name in names:
             if name not in self.names:
                 raise InputError("the RSI configuration has no such value", value=name, limit=", ".join(self.names))

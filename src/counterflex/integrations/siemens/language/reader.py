@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
-from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import split_lines
@@ -13,13 +11,6 @@ from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, File
 from counterflex.programs.gcode.sinumerik.run import SinumerikRun
 from counterflex.programs.gcode.sinumerik.source import library_of, programs_of
 from counterflex.programs.program import Program
-
-_HEADER: Final = re.compile(r"\s*(%|;\$PATH=)", re.IGNORECASE)
-_VECTOR_WORD: Final = re.compile(r"^[^;]*\b[ABC]3\s*=", re.IGNORECASE)
-_MOST: Final = 1e6
-_OWN_DATA: Final = ("$AC_MARKER", "$AC_PARAM", "$A_OUT", "$A_OUTA", "$A_DLB", "$A_DLW", "$A_DLR", "$AC_TIMER")
-"""System variables that a program may set without an effect on its path."""
-_ARC: Final = (*"IJK", "CR", "AR", "TURN")
 
 
 def read_sinumerik(
@@ -37,7 +28,6 @@ def read_sinumerik(
 
     Args:
         text: The program, perhaps with its subprograms (``%_N_NAME_SPF``).
-        name: Its name, for errors.
         complete: Refuse a text that stops without M2, M17, M30 or RET: it may have been cut off.
         machine: Tools by name, and settable offsets in the part frame. ``known``: the tool starts at zero; else where
             it stands is not known before the program names its axes.

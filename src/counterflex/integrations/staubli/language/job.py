@@ -51,11 +51,7 @@ class Val3Settings(RobotSettings):
     tool_data: Mapping[int, str] = field(default_factory=dict)
 
     def check(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A setting is out of range, or there are external axes.
-        """
+        """Check ranges. Raises InputError: a setting is out of range, or there are external axes."""
         check_name(self.name, LIMITS, "VAL3")
         super().check()
         if self.external_axes:

@@ -56,11 +56,7 @@ class InformFlow(InformMotions):
     # ---- values --------------------------------------------------------------------------------------------
 
     def value(self, step: InformStep, text: str) -> Value:
-        """Return the value of an expression of an instruction.
-
-        Raises:
-            ProgramError: It is none.
-        """
+        """Return the value of an expression of an instruction. Raises ProgramError: it is none."""
         self.values.where = f"{step.job.name}:{step.statement.line}"
         try:
             return self.values.evaluate(text)
@@ -242,8 +238,6 @@ class InformFlow(InformMotions):
 
         Args:
             job: Where they stand.
-            begin: Index of the first one.
-            end: Index behind the last one.
             condition: Why it is not known.
             opening: Word and line of the instruction that the condition stands in.
             level: Calls on the way there.

@@ -66,11 +66,7 @@ class Form:
 
 
 def form_of(job: InformJob, statement: InformStatement, match: re.Match[str]) -> Form:
-    """Divide a motion.
-
-    Raises:
-        ProgramError: It is not understood, or has an option that is not read.
-    """
+    """Divide a motion. Raises ProgramError: it is not understood, or has an option that is not read."""
     code, at = statement.code, match.end()
     parts: dict[str, re.Match[str]] = {}
     others: list[str] = []

@@ -60,11 +60,7 @@ class InformFrames(NumberedFrames):
         return out
 
     def use_tool(self, number: int, where: str) -> None:
-        """Take a tool file as the active one.
-
-        Raises:
-            ProgramError: The cell plans with another one.
-        """
+        """Take a tool file as the active one. Raises ProgramError: the cell plans with another one."""
         if number < 0:
             if self.cell is not None:
                 raise ProgramError(

@@ -83,11 +83,7 @@ class InformMotions(ExecutionByAxes[InformMotion]):
     # ---- targets -------------------------------------------------------------------------------------------
 
     def motion(self, job: InformJob, statement: InformStatement, form: Form) -> None:
-        """Make a motion.
-
-        Raises:
-            ProgramError: Its end, speed or frames are not known.
-        """
+        """Make a motion. Raises ProgramError: its end, speed or frames are not known."""
         where = job.place(statement.start)
         if form.word != "MOVC":
             self.close_arcs()

@@ -141,11 +141,7 @@ class InformValues:
                 self.loaded.add(number)
 
     def evaluate(self, text: str) -> Value:
-        """Return the value of an expression.
-
-        Raises:
-            ExpressionError: It is none.
-        """
+        """Return the value of an expression. Raises ExpressionError: it is none."""
         return evaluate(parse_whole(text, GRAMMAR), GRAMMAR, self)
 
     def key_of(self, text: str) -> tuple[bool, Key | Unknown]:
@@ -169,11 +165,7 @@ class InformValues:
         return bool(match[1]), (kind, number)
 
     def get(self, text: str) -> Value:
-        """Return the value of a variable.
-
-        Raises:
-            ExpressionError: It is none.
-        """
+        """Return the value of a variable. Raises ExpressionError: it is none."""
         own, key = self.key_of(text)
         if isinstance(key, Unknown):
             return key
@@ -200,11 +192,7 @@ class InformValues:
     # ---- assign --------------------------------------------------------------------------------------------
 
     def assign(self, text: str, value: Value) -> None:
-        """Set a variable.
-
-        Raises:
-            ExpressionError: It is none, or the value is out of its range.
-        """
+        """Set a variable. Raises ExpressionError: it is none, or the value is out of its range."""
         own, key = self.key_of(text)
         target = self.own if own else self.all
         if isinstance(key, Unknown):

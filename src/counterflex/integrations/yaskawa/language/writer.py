@@ -47,11 +47,7 @@ class InformSettings(RobotSettings):
     T_flange_tcp: Float | None = None  # (4, 4) m, likewise of the first tool
 
     def check(self) -> None:
-        """Check ranges.
-
-        Raises:
-            InputError: A setting is out of range.
-        """
+        """Check ranges. Raises InputError: a setting is out of range."""
         check_name(self.name, LIMITS, "INFORM")
         super().check()
         if not 0.01 <= self.axis_percent <= 100.0:

@@ -142,7 +142,6 @@ def speed_row(
     Args:
         path: n rows.
         limits_of: Gives the limits for a tool number.
-        tools: By number.
         by_person: See :func:`in_cut_row`.
     """
     speed = np.abs(path.spindle_rad_s)

@@ -71,7 +71,6 @@ def feed_row(
         feed_per_tooth_m: (n,).
         contact: (n,) segments at feed that remove material with the spindle on.
         cutter_of: Gives the cutter of a tool number.
-        tools: By number.
     """
     rows = np.flatnonzero(contact & _level(path) & np.isfinite(feed_per_tooth_m))
     if len(rows) == 0:
@@ -151,7 +150,6 @@ def plunge_row(
         volume_m3: (n,) removed on the way to each row.
         contact: (n,) segments at feed that remove material.
         cutter_of: Gives the cutter of a tool number.
-        tools: By number.
     """
     step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])
     down = -np.sum(step * path.axis_part, axis=1)
@@ -192,7 +190,6 @@ def coolant_row(path: ToolPath, contact: Bool, coolant: Int, tools: Mapping[int,
         path: n rows.
         contact: (n,) segments at feed that remove material.
         coolant: (n,) 1 on, 0 off, below 0 where the program does not say.
-        tools: By number.
     """
     numbers = np.unique(path.tool[contact]).tolist()
     required = {n: tools.get(n, ToolBounds()).coolant for n in numbers}

@@ -279,11 +279,7 @@ class GcodeParameters:
     # Writing --------------------------------------------------------------------------------------------------------
 
     def set_numbered(self, index: float, value: float | Unknown, column: int) -> None:
-        """Give ``#index`` a value.
-
-        Raises:
-            ProgramError: No such parameter, or one that belongs to the machine.
-        """
+        """Give ``#index`` a value. Raises ProgramError: no such parameter, or one that belongs to the machine."""
         number = self._index(index, column)
         if number >= _SYSTEM:
             raise self.fault(
@@ -301,11 +297,7 @@ class GcodeParameters:
         self._values[number] = value
 
     def set_named(self, name: str, value: float | Unknown, column: int) -> None:
-        """Give ``#<name>`` a value.
-
-        Raises:
-            ProgramError: The interpreter itself answers for that name.
-        """
+        """Give ``#<name>`` a value. Raises ProgramError: the interpreter itself answers for that name."""
         if not name.startswith("_"):
             self._scopes[-1][0][name] = value
             return

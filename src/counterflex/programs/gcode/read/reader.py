@@ -53,7 +53,6 @@ def read_gcode(
     taken out. With the default offsets of zero the zero of G54 is the zero of the part.
 
     Args:
-        name: Its name, for errors.
         machine: What is known of the machine that the program was written for.
         step_limit: Largest number of lines executed.
         includes: Given the name of a subroutine that the text does not define, returns name and text of its file or

@@ -131,7 +131,6 @@ class ScannedLine:
 
         Args:
             text: The line without its end.
-            name: Name of the program, for errors.
             line: 1-based number of the line, for errors.
 
         Raises:

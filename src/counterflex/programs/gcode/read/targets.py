@@ -17,7 +17,6 @@ def target_of(state: ModalState, block: BlockWords, axes: dict[int, float], mach
 
     Args:
         state: Where the tool stands, and the modes.
-        block: For errors.
         axes: Value in program units or degrees by axis number.
         machine: G53: values are machine coordinates.
 

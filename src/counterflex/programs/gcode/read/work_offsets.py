@@ -28,7 +28,6 @@ ZERO: Final[Six] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 LINUXCNC_OFFSETS: Final = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
 MOST_FURTHER: Final = 300
 """Largest number of an offset G54.1 P (Fanuc: 48 or 300; Haas, as G154 P: 99)."""
-_LENGTHS: Final = 3
 
 
 def further(number: int) -> str:

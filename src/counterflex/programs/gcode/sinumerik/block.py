@@ -185,11 +185,7 @@ class SinumerikBlock:
         return any(name in self._unused for name in names)
 
     def take(self, name: str) -> float | None:
-        """Use a word; None where the block has none.
-
-        Raises:
-            ProgramError: It is a string.
-        """
+        """Use a word; None where the block has none. Raises ProgramError: it is a string."""
         if name not in self._unused:
             return None
         self._unused.discard(name)
@@ -233,11 +229,7 @@ class SinumerikBlock:
         return tuple(sorted(words, key=lambda word: word.start))
 
     def finish(self) -> None:
-        """Refuse words that nothing used.
-
-        Raises:
-            ProgramError: There is one.
-        """
+        """Refuse words that nothing used. Raises ProgramError: there is one."""
         if self._unused:
             name = min(self._unused, key=lambda key: self.given[key].start)
             raise self.fault("nothing in this block uses the word", name)

@@ -21,11 +21,7 @@ _ORDINARY_RUN: Final = ("$P_SEARCH", "$P_SEARCHL", "$P_SIM", "$P_DRYRUN", "$P_IS
 
 
 def number(value: object) -> float:
-    """Return a value as a number; truth values are 0 and 1.
-
-    Raises:
-        TypeError: It is a string or a frame.
-    """
+    """Return a value as a number; truth values are 0 and 1. Raises TypeError: it is a string or a frame."""
     if isinstance(value, int | float):
         return float(value)
     raise TypeError("no number")

@@ -96,11 +96,7 @@ class SinumerikMoveMaker:
         return per_minute * state.feed_unit_m / MINUTE, 0.0
 
     def require_place(self, block: SinumerikBlock) -> None:
-        """Refuse a motion from a place that is not known.
-
-        Raises:
-            ProgramError: It begins at one.
-        """
+        """Refuse a motion from a place that is not known. Raises ProgramError: it begins at one."""
         if self.away:
             raise block.fault(
                 f"the program moves on after {self.away}, and where that leads is not known", "", None,

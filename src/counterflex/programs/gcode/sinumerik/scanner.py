@@ -104,7 +104,6 @@ def scan(text: str, name: str, line: int, variables: Variables) -> Line:
 
     Args:
         text: Without its end.
-        name: Name of the program, for errors.
         line: 1-based number, for errors.
         variables: Values so far.
 

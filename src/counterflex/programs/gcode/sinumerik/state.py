@@ -95,7 +95,6 @@ class SinumerikState:
         ``p_part = p_part_origin + R_part_work p_work``; an additive frame is applied in the axes before it.
 
         Args:
-            name: Which.
             shift_m: (3,) in the axes before.
             rotvec_rad: (3,) rotation vector in the axes before.
         """

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
@@ -20,8 +18,6 @@ from counterflex.integrations.abb.language.table import FUNCTION_OUTPUTS, TABLE
 from counterflex.programs.expression import Call, ExpressionError, Name, Node, evaluate
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, first_unknown
-
-_OPTIONAL: Final = re.compile(r"\\\s*\w+\s*\?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,11 +78,7 @@ class Calls:
         return value
 
     def call_routine(self, routine: RapidRoutine, given: Given, place: tuple[int, int]) -> object:
-        """Execute a routine with arguments.
-
-        Raises:
-            ProgramError: They do not fit its parameters.
-        """
+        """Execute a routine with arguments. Raises ProgramError: they do not fit its parameters."""
         names: dict[str, Reference] = {}
         absent: set[str] = set()
         required = list(given.required)
@@ -163,11 +155,7 @@ class Calls:
         return self.call(node.name, values, options)
 
     def call(self, name: str, arguments: Sequence[object], options: Mapping[str, object]) -> object:
-        """Return the value of a function of the controller.
-
-        Raises:
-            ExpressionError: The arguments do not fit.
-        """
+        """Return the value of a function of the controller. Raises ExpressionError: the arguments do not fit."""
         word, name, values = name, name.upper(), list(arguments)
         unknown = first_unknown([*values, *options.values()])
         computed = FUNCTIONS.get(name) or WITH_OPTIONS.get(name)

@@ -226,11 +226,7 @@ class RapidMemory:
     # ---- values ----------------------------------------------------------------------------------------------
 
     def node(self, text: str, at: int) -> Node:
-        """Return the tree of an expression.
-
-        Raises:
-            ProgramError: It is none.
-        """
+        """Return the tree of an expression. Raises ProgramError: it is none."""
         node = self._nodes.get(text)
         if node is None:
             try:
@@ -253,11 +249,7 @@ class RapidMemory:
         return self.value(self.node(text, at), text, at)
 
     def value(self, node: Node, text: str, at: int) -> object:
-        """Return the value of a tree.
-
-        Raises:
-            ProgramError: An operator does not fit.
-        """
+        """Return the value of a tree. Raises ProgramError: an operator does not fit."""
         if self.evaluator is None:
             raise ValueError("no evaluator")
         try:
@@ -282,11 +274,7 @@ class RapidMemory:
         return self.part(reference, path).value() if path else reference.value()
 
     def part(self, reference: Reference, path: Sequence[object]) -> Reference:
-        """Return a part of data.
-
-        Raises:
-            ExpressionError: There is no such part.
-        """
+        """Return a part of data. Raises ExpressionError: there is no such part."""
         for step in path:
             if isinstance(step, str):
                 data = None if reference.dims else self.types.component(reference.kind, step)

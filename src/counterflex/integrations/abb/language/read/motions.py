@@ -102,11 +102,7 @@ class RapidMotions(Execution):
     # ---- instructions ----------------------------------------------------------------------------------------
 
     def motion(self, statement: RapidStatement, word: str) -> None:
-        """Make the motion of an instruction.
-
-        Raises:
-            ProgramError: Something about it is not known.
-        """
+        """Make the motion of an instruction. Raises ProgramError: something about it is not known."""
         form = FORMS[word]
         if word in ("MOVEABSJ", "TRIGGABSJ", "MOVEEXTJ"):
             self._by_axes(statement, word)

@@ -103,11 +103,7 @@ class RapidSource:
         return next((part for part in reversed(self.parts) if part.start <= at), self.parts[0])
 
     def statements(self) -> Iterator[RapidStatement]:
-        """Statements in order.
-
-        Raises:
-            ProgramError: One is not closed.
-        """
+        """Statements in order. Raises ProgramError: one is not closed."""
         bare, at = self._bare, 0
         while True:
             while at < len(bare) and (bare[at].isspace() or bare[at] == ";"):

@@ -73,11 +73,7 @@ class RapidTargets:
     # ---- targets ---------------------------------------------------------------------------------------------
 
     def target(self, argument: literals.CallArgument) -> RapidTarget:
-        """Return the robtarget of an argument.
-
-        Raises:
-            ProgramError: It is not known.
-        """
+        """Return the robtarget of an argument. Raises ProgramError: it is not known."""
         code = self.source.code
         literal = literals.robtarget_literal(code, argument.start) if argument.text.startswith("[") else None
         if literal is not None and literal.end == argument.end:
@@ -283,11 +279,7 @@ class RapidTargets:
         return value * MM_PER_S
 
     def zone(self, argument: literals.CallArgument) -> Zone:
-        """Return the zone of an argument.
-
-        Raises:
-            ProgramError: It is not known.
-        """
+        """Return the zone of an argument. Raises ProgramError: it is not known."""
         if "Z" in argument.options:
             text, start, _ = argument.options["Z"]
             distance = known(

@@ -7,7 +7,6 @@ from typing import Final
 
 from counterflex.programs.unknown import Unknown
 
-_NONE: Final = 9e9
 NUMERIC: Final = frozenset(
     ("num", "dnum", "byte", "errnum", "intnum", "stoppoint", "triggmode", "icondata", "buttondata")
 )

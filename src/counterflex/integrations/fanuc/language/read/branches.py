@@ -72,8 +72,6 @@ class TpBranches(TpMotionExecution):
         """Pass statements that run where an unknown condition holds.
 
         Args:
-            begin: Index of the first one.
-            end: Index behind the last one.
             condition: Why it is not known.
             opening: Word and line of the statement that the condition stands in.
             level: Calls on the way there.
@@ -216,11 +214,7 @@ class TpBranches(TpMotionExecution):
         self._blocks.append(Block(line, text, (), self.modal("G1"), len(self.motions), 0, file=file))
 
     def value(self, step: TpStep, text: str) -> Value:
-        """Return the value of an expression of a statement.
-
-        Raises:
-            ProgramError: It is none.
-        """
+        """Return the value of an expression of a statement. Raises ProgramError: it is none."""
         self.values.where = step.line
         if "LPOS" in text.upper():
             self.values.here = self.here(at_rest=True)

@@ -125,11 +125,7 @@ class TpFrames(NumberedFrames):
 
 
 def matrix_of(value: object, name: str, where: str) -> Float:
-    """(4, 4) m of a position.
-
-    Raises:
-        ProgramError: It has no X Y Z W P R.
-    """
+    """(4, 4) m of a position. Raises ProgramError: it has no X Y Z W P R."""
     if not isinstance(value, Mapping) or not all(letter in value for letter in LETTERS):
         raise ProgramError(f"{name} is no position by X Y Z W P R", where=where, hint="Write it by X Y Z W P R")
     known(cast("object", dict(value)), name, where, hint="Set all six elements in the program")

@@ -101,11 +101,7 @@ class Listing:
         return f"{self.name}:{line}:{at - before + 1}"
 
     def statements(self) -> Iterator[TpStatement]:
-        """Statements in order.
-
-        Raises:
-            ProgramError: One is not closed.
-        """
+        """Statements in order. Raises ProgramError: one is not closed."""
         at, stop = self.main, self._main_end
         while True:
             while at < stop and self.text[at].isspace():
@@ -127,11 +123,7 @@ class Listing:
             at = end + 1
 
     def positions(self) -> dict[int, FanucPosition]:
-        """Entries of ``/POS`` by number.
-
-        Raises:
-            ProgramError: An entry is damaged, or there twice.
-        """
+        """Entries of ``/POS`` by number. Raises ProgramError: an entry is damaged, or there twice."""
         out: dict[int, FanucPosition] = {}
         at, stop = self._positions
         while (match := _ENTRY.match(self.text, at, stop)) is not None:

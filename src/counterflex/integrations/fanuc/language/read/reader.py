@@ -331,7 +331,6 @@ def read_fanuc(
     The first position is approached from wherever the robot is: it counts as reached by a rapid without length.
 
     Args:
-        name: Its name, for errors.
         cell: What frames and process words are checked against; None takes the first user frame for the part frame and
             knows no process words.
         complete: Refuse a text without /END: it may have been cut off.

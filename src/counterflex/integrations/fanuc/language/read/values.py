@@ -161,11 +161,7 @@ class TpValues:
     # ---- read ----------------------------------------------------------------------------------------------
 
     def evaluate(self, text: str) -> Value:
-        """Return the value of an expression.
-
-        Raises:
-            ExpressionError: It is none.
-        """
+        """Return the value of an expression. Raises ExpressionError: it is none."""
         node, end = parse(text, GRAMMAR)
         if text[end:].strip():
             raise ExpressionError(f"{text[end:].strip()[:20]} is not understood", end)

@@ -60,7 +60,6 @@ class KrlFrames(NumberedFrames):
         Args:
             word: ``TOOL`` or ``BASE``.
             value: A frame, or an unknown value.
-            where: File, line and column.
         """
         taken = self._taken[word] = _Taken(value, where)
         try:

@@ -208,11 +208,7 @@ def key_of(name: str) -> str:
 
 
 def data_list(file: KrlFile) -> DataList:
-    """Read a data list.
-
-    Raises:
-        ProgramError: The file has no DEFDAT or ENDDAT, or gives a name twice.
-    """
+    """Read a data list. Raises ProgramError: the file has no DEFDAT or ENDDAT, or gives a name twice."""
     out, public = DataList(file, ""), False
     begun = ended = False
     for number, line in enumerate(file.lines, start=1):

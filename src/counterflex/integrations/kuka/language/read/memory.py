@@ -64,11 +64,7 @@ class KrlMemory:
     # ---- values ----------------------------------------------------------------------------------------------
 
     def evaluate(self, node: Node) -> values.Value:
-        """Return the value of an expression.
-
-        Raises:
-            ExpressionError: An operator does not fit its operands.
-        """
+        """Return the value of an expression. Raises ExpressionError: an operator does not fit its operands."""
         return evaluate(node, values.GRAMMAR, self)
 
     def value_of(self, name: str, path: variables.Path) -> values.Value:
@@ -134,11 +130,7 @@ class KrlMemory:
         return value
 
     def initial(self, named: Named) -> values.Value:
-        """Value of an initial value of a data list.
-
-        Raises:
-            ProgramError: It is not understood.
-        """
+        """Value of an initial value of a data list. Raises ProgramError: it is not understood."""
         simple = simple_record(named.text, named.start)
         if simple is not None:
             return simple

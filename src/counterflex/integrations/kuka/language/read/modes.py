@@ -139,11 +139,7 @@ class KrlModes(KrlFlow):
     # ---- values that a motion needs --------------------------------------------------------------------------
 
     def speed(self, value: Value, code: str) -> float:
-        """A path speed with the program's override, m/s.
-
-        Raises:
-            ProgramError: It is not known, or out of range.
-        """
+        """A path speed with the program's override, m/s. Raises ProgramError: it is not known, or out of range."""
         where = self.at(code)
         given = known(value, "the path speed", where, text=code, hint="Write $VEL.CP= with the number, in m/s")
         if not is_number(given) or not 0.0 < given <= LARGEST_VELOCITY:  # type: ignore[operator]
@@ -155,11 +151,7 @@ class KrlModes(KrlFlow):
         return float(given) * self.override(code)  # type: ignore[arg-type]
 
     def override(self, code: str) -> float:
-        """Share of the programmed speed that $OV_PRO leaves.
-
-        Raises:
-            ProgramError: It is not known.
-        """
+        """Share of the programmed speed that $OV_PRO leaves. Raises ProgramError: it is not known."""
         where = self.at(code)
         for name, least in (("$RED_VEL", 100), ("$OV_PRO", 1)):
             value = known(
@@ -176,11 +168,7 @@ class KrlModes(KrlFlow):
         return float(self.memory.system["$OV_PRO"]) / 100.0  # type: ignore[arg-type]
 
     def active_speed(self, code: str) -> float:
-        """$VEL.CP with the override, m/s.
-
-        Raises:
-            ProgramError: The program has not set it, or it is not known.
-        """
+        """$VEL.CP with the override, m/s. Raises ProgramError: the program has not set it, or it is not known."""
         speeds = self.memory.system.get("$VEL")
         value = speeds.get("CP") if isinstance(speeds, dict) else speeds
         if value is None:
@@ -191,11 +179,7 @@ class KrlModes(KrlFlow):
         return self.speed(value, code)
 
     def mode(self, name: str, code: str) -> str:
-        """A mode such as $ORI_TYPE.
-
-        Raises:
-            ProgramError: It is not known.
-        """
+        """A mode such as $ORI_TYPE. Raises ProgramError: it is not known."""
         where = self.at(code)
         value = known(self.memory.system.get(name, ""), name, where, text=code, hint=f"Set {name} itself")
         return str(value)

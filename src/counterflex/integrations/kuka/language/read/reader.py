@@ -45,9 +45,7 @@ def read_krl(
 
     Args:
         text: The ``.src`` file of the main program.
-        name: Its name, for errors.
         data: The ``.dat`` file of the same name; None where there is none.
-        data_name: Its name, for errors.
         folder: Text of the other files of its folder, by name: those that it calls and public data lists are read.
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
         complete: Refuse a text without END: it may have been cut off.

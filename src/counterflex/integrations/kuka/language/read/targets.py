@@ -402,11 +402,7 @@ class KrlTargets:
             self._external.setdefault(name, part)
 
     def check_external(self, values: Mapping[str, float], where: str) -> None:
-        """Refuse external axes of a place that are not where they stand in the cut.
-
-        Raises:
-            ProgramError: One is not.
-        """
+        """Refuse external axes of a place that are not where they stand in the cut. Raises ProgramError: one is not."""
         for name, value in values.items():
             if name[0] == "E":
                 self.external.check(int(name[1:]), value, name, where)

@@ -177,11 +177,7 @@ def numeral(text: str) -> int | float:
 
 
 def tree(text: str) -> Node:
-    """Parse a text that is one expression.
-
-    Raises:
-        ExpressionError: It is none.
-    """
+    """Parse a text that is one expression. Raises ExpressionError: it is none."""
     try:
         return parse_whole(text, GRAMMAR)
     except RecursionError:

@@ -196,7 +196,6 @@ class Val3Branches(Val3MotionExecution):
 
         Args:
             begin: Index of the first line.
-            end: Index behind the last one.
             condition: Why it is not known.
             opening: Word and line of the statement that the condition stands in.
             level: Calls on the way there.
@@ -286,11 +285,7 @@ class Val3Branches(Val3MotionExecution):
         return OUTPUT.match(code) is not None
 
     def value(self, routine: Val3Routine, at: int, text: str) -> Value:
-        """Return the value of an expression of a line.
-
-        Raises:
-            ProgramError: It is none.
-        """
+        """Return the value of an expression of a line. Raises ProgramError: it is none."""
         self.store.where = f"{routine.name}:{at + 1}"
         try:
             return self.store.evaluate(text)
@@ -298,11 +293,7 @@ class Val3Branches(Val3MotionExecution):
             raise routine.fault(at, str(error), limit="an expression of VAL3", hint="Post the program again") from error
 
     def put(self, routine: Val3Routine, at: int, target: str, value: Value) -> None:
-        """Set a variable.
-
-        Raises:
-            ProgramError: The value does not fit it.
-        """
+        """Set a variable. Raises ProgramError: the value does not fit it."""
         self.store.where = f"{routine.name}:{at + 1}"
         try:
             self.store.assign(target, value)

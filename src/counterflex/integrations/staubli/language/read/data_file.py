@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.integrations.staubli.language.program import Key, Val3Data, Val3Value
+from counterflex.integrations.staubli.language.program import Val3Data, Val3Value
 from counterflex.programs.robot_text.process_words import NUMBER
 
 _DATA: Final = re.compile(r"<Data\b([^<>]*?)(/?)>")
 _VALUE: Final = re.compile(r"<Value\b([^<>]*?)\s*(/?)>")
 _ATTRIBUTE: Final = re.compile(r"([A-Za-z:]\w*)\s*=\s*\"([^\"<>]*)\"")
-_KEY: Final = re.compile(r"((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*(?:\[\s*(\d+)\s*\])?")
 _OLD: Final = re.compile(
     r"<(frame|tool|point|pointRs|pointVrb|joint|jointRs|jointVrb|mdesc|num|bool|string|trsf|config|configRs|dio|aio|sio)"
     r"\s([^<>]*?)(/?)>"
@@ -24,13 +23,6 @@ _OLD_VALUE: Final = re.compile(r"<value(\w+)([^<>]*?)(/?)>")
 _TAG: Final = re.compile(r"<(?!/|!|io\b)\w+([^<>]*?)\s*/?>")
 _KINDS: Final = {"point": "pointRx", "joint": "jointRx", "config": "configRx"}
 LARGEST: Final = 100_000.0
-NONE: Final = Val3Value(-1, -1, {}, {})
-
-
-def key_of(text: str) -> Key | None:
-    """Variable and element that a text names; None where it is computed."""
-    match = _KEY.fullmatch(text.strip())
-    return None if match is None else (match[1], int(match[2] or 0))
 
 
 def data_file_of(program: Path) -> Path | None:
@@ -141,11 +133,7 @@ class DataFile:
         return int(size) if size.isdecimal() else max(values, default=0) + 1
 
     def number(self, value: Val3Value, letter: str) -> float:
-        """A number of an element; 0 where it is not written.
-
-        Raises:
-            ProgramError: It is none.
-        """
+        """A number of an element; 0 where it is not written. Raises ProgramError: it is none."""
         text = value.attributes.get(letter, "0").strip()
         if not re.fullmatch(NUMBER, text) or not abs(float(text)) <= LARGEST:
             raise self._fault(f"{letter} is no number within reach", value.data, f"at most {LARGEST:g}")

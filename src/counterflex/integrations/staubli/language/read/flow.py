@@ -14,11 +14,7 @@ class Val3Flow(Val3Branches):
     """Decides which line follows."""
 
     def decision(self, routine: Val3Routine, at: int, text: str) -> bool | Unknown:
-        """Return the value of a condition.
-
-        Raises:
-            ProgramError: It is none.
-        """
+        """Return the value of a condition. Raises ProgramError: it is none."""
         value = self.value(routine, at, text)
         if isinstance(value, Unknown):
             return Unknown(value.why, value.where or f"{routine.name}:{at + 1}")

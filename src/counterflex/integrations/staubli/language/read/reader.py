@@ -34,9 +34,7 @@ def read_val3(
     first point is approached from wherever the robot is: it counts as reached by a rapid without length.
 
     Args:
-        name: Its name, for errors.
         data: The data file; empty where there is none.
-        data_name: Its name, for errors.
         cell: What frames and process words are checked against; None knows no process words.
         complete: Refuse a text without the end of its program: it may have been cut off.
         folder: Programs that it can call; None has none.

@@ -99,11 +99,7 @@ class Store:
     # ---- read ----------------------------------------------------------------------------------------------
 
     def evaluate(self, text: str) -> Value:
-        """Return the value of an expression.
-
-        Raises:
-            ExpressionError: It is none.
-        """
+        """Return the value of an expression. Raises ExpressionError: it is none."""
         return evaluate(self.parsed(text), val3.GRAMMAR, self)
 
     def parsed(self, text: str) -> Node:
@@ -141,11 +137,7 @@ class Store:
         return value
 
     def call(self, name: str, arguments: Sequence[Value], _: Mapping[str, Value]) -> Value:
-        """Return the value of a function.
-
-        Raises:
-            ExpressionError: VAL3 has no such function.
-        """
+        """Return the value of a function. Raises ExpressionError: VAL3 has no such function."""
         row = TABLE.find(name.rpartition(":")[2])
         if row is None or row.word != name.rpartition(":")[2]:
             raise ExpressionError(f"{name}() is no function of VAL3 (docs/statements/val3.md)")
@@ -266,11 +258,7 @@ class Store:
     # ---- calls ---------------------------------------------------------------------------------------------
 
     def enter(self, routine: Val3Routine, given: Sequence[str]) -> dict[str, Bound]:
-        """Return the variables of a program that is called.
-
-        Raises:
-            ExpressionError: They do not fit its parameters.
-        """
+        """Return the variables of a program that is called. Raises ExpressionError: they do not fit its parameters."""
         if len(given) != len(routine.parameters):
             raise ExpressionError(f"{routine.program}() has {len(routine.parameters)} parameters")
         scope: dict[str, Bound] = {}

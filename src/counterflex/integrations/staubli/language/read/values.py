@@ -68,11 +68,7 @@ def _speed_description(data: DataFile, value: Val3Value) -> Value:
 
 
 def data_value(data: DataFile, kind: str, value: Val3Value) -> Value:
-    """Return the value of an element of a data file.
-
-    Raises:
-        ProgramError: A number of it is none.
-    """
+    """Return the value of an element of a data file. Raises ProgramError: a number of it is none."""
     plain, attributes = kind_of(kind), value.attributes
     if plain in _NUMBERS:
         return {name: data.number(value, name) for name in _NUMBERS[plain]}
@@ -98,11 +94,7 @@ def data_value(data: DataFile, kind: str, value: Val3Value) -> Value:
 
 
 def matrix(value: Value) -> Float:
-    """(4, 4) m of a transformation, point, frame or tool; of six numbers too.
-
-    Raises:
-        ExpressionError: It is none.
-    """
+    """(4, 4) m of a transformation, point, frame or tool; of six numbers too. Raises ExpressionError: it is none."""
     if isinstance(value, list) and len(value) == 6 and all(is_number(item) for item in value):
         value = dict(zip(LETTERS, value, strict=True))
     if isinstance(value, list) and value:
@@ -259,11 +251,7 @@ def _geometry(name: str, arguments: Sequence[Value], place: Callable[[Value], Fl
 
 
 def with_component(value: Value, path: Sequence[str], new: Value) -> Value:
-    """Return a value with another component.
-
-    Raises:
-        ExpressionError: It has no such component.
-    """
+    """Return a value with another component. Raises ExpressionError: it has no such component."""
     if not path:
         return as_stored(value, new)
     if not isinstance(value, Mapping):

@@ -17,15 +17,16 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.delays.checks import check_delay, lag_of
-from counterflex.identify.delays.delay import Pair, build, find_delay
-from counterflex.identify.delays.pairs import pairs
-from counterflex.identify.delays.residuals import Order
-from counterflex.identify.delays.stamped import Stamped, stamped
 from counterflex.identify.solver.jackknife import long_run
 from counterflex.identify.timing import recipe as timing
-from counterflex.signals.lag import Lag, RecorderClock
+from counterflex.identify.timing.checks import check_delay, lag_of
+from counterflex.identify.timing.delay import Pair, build, find_delay
+from counterflex.identify.timing.pairs import pairs
+from counterflex.identify.timing.residuals import Order
+from counterflex.identify.timing.stamped import Stamped, stamped
+from counterflex.signals.lag import Lag
 from derivative_check import convergence_order
+from recorder_clock import RecorderClock
 
 ROOT = Path(__file__).resolve().parents[3]
 STEP = 4.0 * MS

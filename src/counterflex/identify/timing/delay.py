@@ -13,13 +13,13 @@ import scipy
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import MS
-from counterflex.identify.delays.residuals import Basis, DelayResiduals, Order, Places
-from counterflex.identify.delays.stamped import Stamped
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate
 from counterflex.identify.solver.jackknife import stretches, widened, with_correlation, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import Stop, solve
+from counterflex.identify.timing.residuals import Basis, DelayResiduals, Order, Places
+from counterflex.identify.timing.stamped import Stamped
 from counterflex.signals.lag import coarse_shift
 
 LAG_BOUNDS_S: Final = (1e-5, 2.0)

@@ -16,11 +16,11 @@ from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play import recipe as reversals
+from counterflex.identify.play.data import ReversalMotion, balance, motions
 from counterflex.identify.play.parameters import why_not
 from counterflex.identify.play.proposal import motion, propose
 from counterflex.identify.play.recipe import resolved
 from counterflex.identify.play.residuals import PlayPlaces, ReversalResiduals, follow_with_slopes
-from counterflex.identify.reversals.data import ReversalMotion, balance, motions
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.play import axis_torque, torsion_path
 from counterflex.robot.model.description import Play

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MS
 from counterflex.identify.data.changes import TableValues
-from counterflex.identify.delays.delay import Delay
+from counterflex.identify.timing.delay import Delay
 from counterflex.signals.lag import Lag
 
 PPM = 1e-6

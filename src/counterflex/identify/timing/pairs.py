@@ -14,8 +14,8 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MRAD, MS, UM, URAD
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.delays.delay import Extra, Pair
-from counterflex.identify.delays.stamped import Stamped, stamped
+from counterflex.identify.timing.delay import Extra, Pair
+from counterflex.identify.timing.stamped import Stamped, stamped
 from counterflex.robot.elasticity.chain import ElasticChain
 
 DIRECTION_RAD_S: Final = 2.0 * MRAD

@@ -1,1 +1,0 @@
-"""Delay of one channel against another, which ``timing`` and ``servo`` both fit."""

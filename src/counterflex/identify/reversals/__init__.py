@@ -1,1 +1,0 @@
-"""Slow reversals of single axes, which ``play`` and ``servo`` both read."""
