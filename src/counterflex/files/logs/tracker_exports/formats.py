@@ -138,11 +138,11 @@ class DTrackLines:
         word, _, rest = line.lstrip("\ufeff").strip().partition(" ")
         if word == "ts":
             self._time_ns = round(number(rest, where) / NS)
-        if word not in ("6d", "3d") or word != (self._word or word):
+        if word not in ("6d", "3d"):
             return None
-        self._word = word
+        self._word = self._word or word
         blocks = [block.split() for block in _BLOCK.findall(rest)]
-        if not blocks:
+        if word != self._word or not blocks:
             return None
         if self._time_ns is None:
             raise FileFormatError("a pose before the first time stamp", where=where, hint="Switch the output of ts on")
