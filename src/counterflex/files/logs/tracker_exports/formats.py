@@ -111,6 +111,7 @@ class SpatialAnalyzerLines:
 # Source: DTrack2 user manual, "Output of measurement data via Ethernet" (B.2).
 
 _BLOCK: Final = re.compile(r"\[([^\[\]]*)\]")
+_BLOCKS: Final = {"6d": [2, 6, 9], "3d": [2, 3]}  # numbers in the blocks of a target, by the word of the line
 _TURNED: Final = 1e-3
 
 
@@ -138,7 +139,8 @@ class DTrackLines:
         word, _, rest = line.lstrip("\ufeff").strip().partition(" ")
         if word == "ts":
             self._time_ns = round(number(rest, where) / NS)
-        if word not in ("6d", "3d"):
+        sizes = _BLOCKS.get(word)
+        if sizes is None:
             return None
         self._word = self._word or word
         blocks = [block.split() for block in _BLOCK.findall(rest)]
@@ -146,7 +148,7 @@ class DTrackLines:
             return None
         if self._time_ns is None:
             raise FileFormatError("a pose before the first time stamp", where=where, hint="Switch the output of ts on")
-        own = self._own(blocks, [2, 6, 9] if word == "6d" else [2, 3], where)
+        own = self._own(blocks, sizes, where)
         if not own:
             return None
         values = [np.array([number(text, where) for text in block]) for block in own]
