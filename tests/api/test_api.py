@@ -16,11 +16,11 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import counterflex as cf
-from counterflex.api.result import Result
 from counterflex.app.proof import evaluate, prove, simulate
 from counterflex.app.proof.truth import make_truth
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import read_cell
+from counterflex.report.result import Result
 from counterflex.twin.truth.family import family_of
 
 GROOVE = Path(__file__).parents[2] / "examples" / "programs" / "groove.ngc"

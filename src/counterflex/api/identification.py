@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from counterflex.api.cell import Cell, file_of, read_cell
-from counterflex.api.result import Result
 from counterflex.app.identification import identify as job, propose as proposing
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
@@ -20,6 +19,7 @@ from counterflex.files.dataset.writer import write_dataset
 from counterflex.files.identification_file import read_identification
 from counterflex.identify.data.channels import channel_kind
 from counterflex.identify.recipes import RECIPES
+from counterflex.report.result import Result
 
 if TYPE_CHECKING:
     import polars as pl

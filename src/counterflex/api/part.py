@@ -12,7 +12,6 @@ import polars as pl
 
 from counterflex.api.cell import Cell, file_of
 from counterflex.api.program import Program, program_file
-from counterflex.api.result import Figure, Result
 from counterflex.app.inputs import Reading, read_job
 from counterflex.app.proof import simulate as cell_twin
 from counterflex.app.proof.judge import JudgedRun, ProofReference, judge, reference_of
@@ -22,6 +21,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM
 from counterflex.evaluate.summary import SeedResult, summary
 from counterflex.files.summary_file import write_folder_summary
+from counterflex.report.result import Figure, Result
 
 if TYPE_CHECKING:
     from counterflex.app.inspection.judging import Inspection

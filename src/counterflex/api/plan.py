@@ -9,7 +9,6 @@ import numpy as np
 
 from counterflex.api.cell import Cell, model_of
 from counterflex.api.program import Program, program_file, reading_of
-from counterflex.api.result import Figure, Result
 from counterflex.app.compensation import compensate as job
 from counterflex.app.compensation.headline import error_rows
 from counterflex.app.compensation.prediction import prediction
@@ -17,6 +16,7 @@ from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
 from counterflex.files.plan_file import plan_table
+from counterflex.report.result import Figure, Result
 from counterflex.robot.model.opw import BRANCHES
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from counterflex.api.result import Figure, Result
 from counterflex.app.run_history import pages
 from counterflex.app.run_history.logged_run import RunOfHistory
 from counterflex.core.units import MM, NS, UM
+from counterflex.report.result import Figure, Result
 
 if TYPE_CHECKING:
     from counterflex.app.run_history.logged_run import RunOfHistory

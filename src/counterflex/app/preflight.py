@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -38,6 +39,7 @@ from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.stated.remarks import Stated
 from counterflex.programs.stated.two_readings import stated_postures
+from counterflex.report.result import Part, ShownTable, Summary, fill
 from counterflex.twin.plant.simulate import mounted_tools
 
 CHECK: Final = "nominal geometry"
@@ -313,6 +315,41 @@ def _plain(value: float | None, size: float) -> float | None:
     return None if value is None else float(f"{value / size:.6g}")
 
 
+_ORDER: Final = ("fail", "warning", "ok")
+
+
+class PreflightSummary(Summary):
+    """Checks of a program before it runs."""
+
+    def _shown(self) -> Iterator[Part]:
+        checks = [row | {"has": _number(row["value"], row["unit"])} for row in self["checks"]]
+        looked_at = [
+            row | {"limit": _number(row["limit"], row["unit"])} for row in checks if row["verdict"] != "not looked at"
+        ]
+        looked_at.sort(key=lambda row: _ORDER.index(row["verdict"]))
+        columns = "check | verdict | value=has | limit | worst=place | what"
+        yield ShownTable.of(self.line("{program} on {cell}"), columns, looked_at)
+        for row in looked_at:
+            if row["advice"]:
+                yield fill("{verdict}: {check}: {advice}", row)
+        left_out = [row for row in checks if row["verdict"] == "not looked at"]
+        if left_out:
+            yield "not looked at, and what it needs:"
+        for row in left_out:
+            here = ", ".join(text for text in (row["has"], row["what"], row["place"]) if text)
+            needs = f"{row['missing']} ({here})" if row["missing"] and here else row["missing"] or here
+            yield f"  {row['check']}: {needs}"
+        yield self.line(
+            "{counts[fail]} fail, {counts[warning]} warning, {counts[not looked at]} not looked at, {counts[ok]} ok"
+        )
+
+
+def _number(value: float | None, unit: str) -> str:
+    if value is None:
+        return ""
+    return f"{value:.0f} {unit}".rstrip() if abs(value) >= 1000.0 else f"{value:.4g} {unit}".rstrip()
+
+
 def run(
     program: str | Path,
     cell_file: str | Path,
@@ -322,7 +359,7 @@ def run(
     language: str | None = None,
     nominal: Path | None = None,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> PreflightSummary:
     """Check a program; with ``out``, write ``summary.json`` and ``report.html`` there: both or none.
 
     Args:
@@ -330,14 +367,15 @@ def run(
     """
     cell = read_cell(cell_file)
     if out is None:
-        return check(program, cell, reading=reading, language=language, nominal=nominal, progress=progress).summary
+        done = check(program, cell, reading=reading, language=language, nominal=nominal, progress=progress)
+        return PreflightSummary(done.summary)
     with atomic.atomic_folder(out) as staging:
         done = check(program, cell, reading=reading, language=language, nominal=nominal, progress=progress)
         write_summary(staging / "summary.json", done.summary)
         from counterflex.report.page import write_page
 
         write_page(done._page().page(), staging / "report.html")
-    return done.summary
+    return PreflightSummary(done.summary)
 
 
 def _curves(result: Preflight) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -32,7 +32,9 @@ from counterflex.plan.stability.criterion import LARGEST
 from counterflex.plan.stability.diagram import Diagram, diagram, needed_damping
 from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers, thin
+from counterflex.report.glossary import line_of
 from counterflex.report.page import render
+from counterflex.report.result import Part, ShownTable, Summary
 
 _POINTS: Final = 3000
 _SHOWN: Final = 20.0  # Margins above are drawn at this height: nothing is to be read from them
@@ -357,6 +359,40 @@ def _limited(value: float) -> float | None:
     return round(value, 4) if value < LARGEST else None
 
 
+class Stability(Summary):
+    """Margins against chatter."""
+
+    def _shown(self) -> Iterator[Part]:
+        yield ShownTable.of(
+            self.line("{program} on {cell}: the worst stretch of each tool"),
+            "tool=T{tool} | worst=place | depth={worst[axial_depth_mm]:.3g} mm | "
+            "engaged={worst[entry_deg]:.0f} to {worst[exit_deg]:.0f} deg | speed={worst[spindle_rpm]:.0f} rpm | "
+            "margin robot=worst[robot_margin]:.3g~no limit | margin tool=worst[tool_margin]:.3g~no limit | "
+            "semi-discr.=semi_discretisation_margin:.3g~no limit | chatter at={worst[chatter_hz]:.3g} Hz",
+            [tool | {"place": line_of(tool["worst"])} for tool in self["tools"]],
+        )
+        yield (
+            self.line("{verdict}: least margin {worst[margin]:.3g} at ")
+            + line_of(self["worst"])
+            + self.line(" ({worst[method]}); {below_1} of {stretches} stretches below 1")
+        )
+        needed = max(tool["needed_damping_ratio"] for tool in self["tools"])
+        low, high = self["robot_damping_between"]
+        between = "" if low == high else f", {low:g} to {high:g}"
+        yield (
+            f"robot: damping ratio {self['robot_damping_ratio']:g} ({self['robot_damping_from']}{between}); "
+            f"stable from {needed:.3g} upwards"
+        )
+        if self["verdict_over_interval"] == "open":
+            yield (
+                f"open: the damping ratio was not measured; below {needed:.3g} the program chatters. Give --damping, "
+                "or measure it: counterflex identify servo"
+            )
+        if self["engagement"] != "closed form":
+            yield self.line("engagement: {engagement} ({cell_mm:g} mm): the blank is no box")
+        yield self.line("spindle and tool: {tool_tip[from]}")
+
+
 def run(
     program: str | Path,
     cell_file: str | Path,
@@ -367,7 +403,7 @@ def run(
     damping_ratio: float | None = None,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> Stability:
     """Judge a program; with ``out``, write ``summary.json``, ``stability.csv``, ``lobes.csv`` and ``report.html``.
 
     Args:
@@ -379,7 +415,7 @@ def run(
     cell = read_cell(cell_file)
     structure = structure_of(cell, damping_ratio, response, modal)
     if out is None:
-        return judge(program, cell, structure, reading=reading, progress=progress).summary
+        return Stability(judge(program, cell, structure, reading=reading, progress=progress).summary)
     with atomic.atomic_folder(out) as staging:
         done = judge(program, cell, structure, reading=reading, progress=progress)
         write_summary(staging / "summary.json", done.summary)
@@ -391,4 +427,4 @@ def run(
             StabilityData(done.summary, done.table.to_dicts(), done.lobes_table().to_dicts()).page(),
             staging / "report.html",
         )
-    return done.summary
+    return Stability(done.summary)

@@ -10,6 +10,7 @@ import datetime
 import json
 import shutil
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -48,6 +49,7 @@ from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot, loaded_robot
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.report import correction_page as page
+from counterflex.report.result import Part, ShownTable, Summary, Warned, fill
 
 
 def correction_page(result: Corrected) -> str:
@@ -298,6 +300,45 @@ def _not_seen(measured: list[MeasuredScan], plan: Plan, loaded: LoadedRobot, nod
     }
 
 
+_SHOWN: Final = 6  # Explanations that the prompt lists
+
+
+class Correction(Summary):
+    """Correction of the next part, and what explains it."""
+
+    def _shown(self) -> Iterator[Part]:
+        values = self["correct"]
+        parts = [one | {"error": "believed" if one["believed"] else "noise only"} for one in values["parts"]]
+        columns = "part | measured in=source | places | noise um:g | surface 99.7 % um=surface_p997_um:g | error | "
+        yield ShownTable.of(f"Parts of {self['program']}", columns + "changed um=changed_um?:g", parts)
+        factor = "{name} {value:+g} +- {standard_deviation:g} {unit}"
+        rows = [
+            one | {"causes": "; ".join(fill(factor, cause) for cause in one["factors"])}
+            for one in values["explanations"][:_SHOWN]
+        ]
+        columns = "explanation | log evidence:g | explained={explained_percent:g} % | factors=causes"
+        yield ShownTable.of("What explains it", columns, rows)
+        if len(values["alike"]) > 1:
+            yield f"not to be told apart by this part: {'; '.join(values['alike'])}"
+        if values["not_seen"]["of_cut_percent"] > 0.0:
+            yield self.line(
+                "no surface shows {correct[not_seen][of_cut_percent]:g} % of the cut: run over later, or cut in air"
+            )
+        if values["changed"]:
+            yield fill(
+                "largest change of the correction {change_um:g} um; surface, 99.7 %: {expected[now_p997_um]:g} um now, "
+                "{expected[next_p997_um]:g} um ({expected[next_5_percent_um]:g} to "
+                "{expected[next_95_percent_um]:g}) expected",
+                values,
+            )
+        else:
+            yield "the parts show nothing but noise, or less than 5 um: the program stays as it is"
+        if "stiffness" in self.get("assumed", {}):
+            yield Warned(f"the stiffness of axes is assumed, as in the plan: {self['assumed']['stiffness']['from']}")
+        if "applied" in self:
+            yield self.line("wrote {applied[cell]}: {applied[explanation]}")
+
+
 def run(
     program: str | Path,
     cell_file: str | Path,
@@ -309,7 +350,7 @@ def run(
     report: bool = True,
     progress: Progress = silent,
     **options: Any,
-) -> dict[str, Any]:
+) -> Correction:
     """Write the program, ``plan.parquet``, ``path-error.parquet``, ``parts/``, ``summary.json`` and ``report.html``.
 
     All of them or none. With ``apply`` the likeliest constants go into a new cell file.
@@ -350,4 +391,4 @@ def run(
             from counterflex.report.page import write_page
 
             write_page(correction_page(result), staging / "report.html")
-    return summary
+    return Correction(summary)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import hashlib
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +34,7 @@ from counterflex.files.summary_file import write_folder_summary
 from counterflex.identify.data.changes import AxisPlay, AxisServo, Change, CuttingLaw, ElementCompliance
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan
+from counterflex.report.result import Part, ShownTable, Summary, Warned
 
 RECIPE: Final = "first_cut"
 PROGRAM, TABLE, CELL = "coupon.ngc", "measure.csv", "cell.toml"
@@ -59,9 +60,16 @@ _Reading = tuple[str, int, str, int, Float, float]
 _DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
+class ProposedCoupon(Summary):
+    """Coupon and what to measure on it."""
+
+    def _shown(self) -> Iterator[Part]:
+        yield ShownTable.of("To measure", "face=0 | places=1", self["faces"].items())
+
+
 def propose(
     cell_file: str | Path, out: str | Path, *, tool: int, feed_mm_min: float, rpm: float, depth_mm: float | None = None
-) -> dict[str, Any]:
+) -> ProposedCoupon:
     """Write the program of the coupon and the table to fill in; all files or none.
 
     Raises:
@@ -73,7 +81,7 @@ def propose(
     with atomic.atomic_folder(out) as staging:
         atomic.write_text(staging / PROGRAM, made.text)
         atomic.write_text(staging / TABLE, table(made.places))
-        summary = shown(cell, tool, made)
+        summary = ProposedCoupon(shown(cell, tool, made))
         write_folder_summary(staging, summary)
     return summary
 
@@ -87,7 +95,7 @@ def run(
     part: str | Path | None = None,
     sigma_m: float = NOISE_M,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> FirstCut:
     """Identify from a part and write ``cell.toml`` and ``summary.json``; all files or none.
 
     Args:
@@ -131,7 +139,7 @@ def run(
                 patterns = patterns.through(posterior.moved(plan, known, places), lost, fit)
         text = updated_text(cell, _changes(fit, cell), entry, Path(out))
         atomic.write_text(staging / CELL, text)
-        summary = _summary(fit, places, unseen, planned, narrower, cell, job)
+        summary = FirstCut(_summary(fit, places, unseen, planned, narrower, cell, job))
         summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
         write_folder_summary(staging, summary)
     progress(1.0)
@@ -357,6 +365,31 @@ def _digest(path: Path) -> str:
 
 def _rms(values: Float) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+class FirstCut(Summary):
+    """Constants found by a coupon."""
+
+    def _shown(self) -> Iterator[Part]:
+        yield self.rows(
+            "constants",
+            "Found on {places} places",
+            "constant | times that of the cell file=factor:.2f | standard deviation={percent:g} %",
+            "Of each by itself; together they are known better: see below",
+        )
+        yield self.line(
+            "faces off what the cell file predicts by {planned_rms_um:g} um (root mean square), by the new one "
+            "{left_rms_um:g} um; faces left out in turn {left_out_rms_um:g} um"
+        )
+        yield self.line("doubt of the deflection: {doubt_of_deflection_left_percent:g} % of that before")
+        yield from map(Warned, self["warnings"])
+        if self["far_places"]:
+            yield Warned(self.line("far off what all others show, look at them again: places {far_places}"))
+        if self["left_out_rms_um"] >= self["planned_rms_um"]:
+            yield Warned(
+                "a face left out is foretold no better than by the cell file: every face is needed, and programs that "
+                "load the arm otherwise than the coupon may gain little. Measure more places"
+            )
 
 
 def _summary(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -28,7 +29,9 @@ from counterflex.plan.placement.search import PlacementBounds
 from counterflex.plan.posture.cut_path import Surface
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.report.data import Head
+from counterflex.report.glossary import MODEL_NOTE, MODEL_UM
 from counterflex.report.page import render
+from counterflex.report.result import Part, ShownTable, Summary
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 
 _VIEWS: Final = {"level": ("x_mm", "y_mm", "x of the base, mm", "y of the base, mm"),
@@ -113,6 +116,19 @@ VIEWS: Final = {"level": ("x_mm", "y_mm"), "upright": ("x_mm", "z_mm")}
 FIGURES: Final = ("deflection_um", "stiffness_n_per_um", "first_mode_hz")
 
 
+class PlacementMap(Summary):
+    """Working space of a cell for a program."""
+
+    def _shown(self) -> Iterator[Part]:
+        best = {"present": self["present"], **{f"best, {view}": row for view, row in self["best"].items()}}
+        rows = [defaultdict(lambda: None, row or {}, place=name) for name, row in best.items()]
+        columns = "place | x mm:g | y mm:g | z mm:g | {}=deflection_um:g | softest N/um=stiffness_n_per_um:g | "
+        columns = columns.format(MODEL_UM) + "first mode Hz=first_mode_hz:g | margin deg:g"
+        note = f"Deflection without compensation. {MODEL_NOTE}"
+        yield ShownTable.of(self.line("{program} on {cell}"), columns, rows, note)
+        yield self.line("{places} places, {refused} of them refused")
+
+
 def run(
     program: str | Path,
     cell_file: str | Path,
@@ -123,7 +139,7 @@ def run(
     wish: Wish | None = None,
     points: int = POINTS,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> PlacementMap:
     """Write ``map.csv``, ``report.html`` and ``summary.json`` into ``out``: all or none.
 
     Args:
@@ -166,7 +182,7 @@ def run(
         atomic.write_text(staging / TABLE, pl.DataFrame(rows, infer_schema_length=None).write_csv())
         write_summary(staging / "summary.json", summary)
         write_page(MapData(summary, rows).page(), staging / "report.html")
-    return summary
+    return PlacementMap(summary)
 
 
 def _places(region: PlacementBounds, here: Float, points: int) -> list[tuple[str, Float]]:

@@ -10,7 +10,7 @@ import datetime
 import hashlib
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,6 +34,7 @@ from counterflex.files.cell.monitor import feed_exponent
 from counterflex.files.cell.update import new_file, require_new, updated_text, write_new
 from counterflex.files.identification_file import parameter_rows, write_identification
 from counterflex.files.plan_file import read_plan
+from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE, SensorAccuracy
 from counterflex.identify.cutting.force_forms import NAMES
 from counterflex.identify.data.model import CellModel
@@ -44,6 +45,7 @@ from counterflex.identify.production.drift import ForceDrift, RunFactor, drift, 
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
 from counterflex.identify.production.stretches import StretchChoice, joined, stretches_of
 from counterflex.identify.recipe import Identification
+from counterflex.report.result import Part, ShownTable, Summary
 from counterflex.runtime.monitoring.plan import lost_tooth
 
 
@@ -149,6 +151,34 @@ def checked_settings(values: Mapping[str, Setting], seed: int) -> dict[str, Any]
     return out
 
 
+_WEAR_WORDS = {
+    "beyond": "worn beyond its limit",
+    "at": "perhaps beyond its limit",
+    "within": "within its limit",
+    "unknown": "not known",
+}
+
+
+class ProductionResult(Summary):
+    """Constants of tool and material, and the runs with the factor of each."""
+
+    def _shown(self) -> Iterator[Part]:
+        figures = [one | {"unit": unit_of_name(one["name"])} for one in (*self["headline"], *self["figures"])]
+        title = self.line("Production with T{tool} in {material}: {cell}")
+        yield ShownTable.of(title, "figure=text | found=value:D4 | stated=nominal:D4 | unit", figures)
+        yield self.rows(
+            "runs",
+            f"Force over the life of the tool: {_WEAR_WORDS[self['wear']]}",
+            "run | edge={edge}{new_edge: new: %s} | cut by it m=edge_cut_m:.3f | removed cm3=edge_removed_cm3:.2f | "
+            "force=factor:.4f | standard deviation=factor_sigma:.4f | event | "
+            "delay ms={delay_ms:g} +- {delay_sigma_ms:g}",
+        )
+        yield from self.each("remarks", "note: {}")
+        if "applied" in self:
+            runs = ", ".join(row["run"] for row in self["runs"][:4])
+            yield f"wrote {self['applied']['cell']}: constants of {runs}"
+
+
 def run(
     folders: Sequence[Path],
     cell_file: Path,
@@ -159,7 +189,7 @@ def run(
     seed: int = 0,
     apply: Path | None = None,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> ProductionResult:
     """Write ``result.json``, ``report.html`` and the new runs in ``runs/``: all of them or none.
 
     Args:
@@ -184,7 +214,7 @@ def run(
     parts[WRITING](0.0)
     date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     identification = identification_of(produced)
-    result = result_of(produced, identification, date)
+    result = ProductionResult(result_of(produced, identification, date))
     with new_file(apply) as place, file_lock.alone(out), atomic.atomic_folder(out) as staging:
         require_unchanged(out, len(produced.runs) - len(produced.new))
         if apply is not None and place is not None:

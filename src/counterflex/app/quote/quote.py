@@ -7,7 +7,7 @@ each (``drawn_part``) -> features (``probability``) -> remedies (``remedies``).
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -39,6 +39,7 @@ from counterflex.programs.compensated import refuse_compensated
 from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers
 from counterflex.report.page import render
+from counterflex.report.result import Part, Summary
 
 _SPAN = 3.0  # Deviations are shown up to this many tolerances; what is further off counts at the ends
 
@@ -112,6 +113,29 @@ READING, PLANNING, DRAWING, COMPARING = "reading", "planning", "drawing cells", 
 WORK: Final = {READING: 1.0, PLANNING: 3.0, DRAWING: 4.0, COMPARING: 12.0}
 
 
+class Quotation(Summary):
+    """Quotation of a part."""
+
+    def _shown(self) -> Iterator[Part]:
+        yield self.rows(
+            "features",
+            "{part}: {program} on {cell}",
+            "feature | quantity | nominal mm:.3f | tolerance mm:.3f | held with %=probability!p:.1f | "
+            "uncompensated %=probability_as_it_is!p:.1f | 9 of 10 hold mm=tolerance_held_90_mm:.3f",
+        )
+        yield self.line(
+            "all of them hold with {all_hold[probability]!p:.1f} % ({all_hold[probability_90][0]!p:.1f} to "
+            "{all_hold[probability_90][1]!p:.1f} % by {draws} draws)"
+        )
+        yield self["judged"]
+        columns = "remedy | all hold %=all_hold!p:.1f | gain %=gain!p:+.1f | mean gain %=mean_gain!p:+.1f"
+        yield self.rows("remedies", "What raises it most", columns)
+        yield "not looked at:"
+        yield from self.each("remedies_not_looked_at", "  {remedy}: {why}")
+        yield from self.each("not_looked_at", "  {what}: {why}")
+        yield self.line("  {causes_not_looked_at}")
+
+
 def quote(
     part: Path,
     program: Path,
@@ -120,7 +144,7 @@ def quote(
     reading: Reading = AS_IT_IS,
     placements: int = 0,
     progress: Progress = silent,
-) -> tuple[Quoted, dict[str, Any]]:
+) -> tuple[Quoted, Quotation]:
     """Quote a part before any cut.
 
     Args:
@@ -173,7 +197,7 @@ def quote(
         "counterflex": __version__,
     }
     progress(1.0)
-    return quoted, summary
+    return quoted, Quotation(summary)
 
 
 def drawing_of(part: Path, program: Path, cell: Cell, reading: Reading = AS_IT_IS) -> QuotedPart:
@@ -205,7 +229,7 @@ def run(
     assume_class: bool = False,
     progress: Progress = silent,
     **options: Any,
-) -> dict[str, Any]:
+) -> Quotation:
     """Write ``report.html`` and ``summary.json`` into ``out``: both or none.
 
     Args:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -24,6 +25,7 @@ from counterflex.plan.cut import Cut, cut
 from counterflex.plan.strategy.trochoid import TrochoidLoop, loop_for, pieces
 from counterflex.programs.program import Block, Program
 from counterflex.programs.reading import require_linuxcnc
+from counterflex.report.result import Part, ShownTable, Summary
 
 _TANGENT_RAD: Final = 0.25
 _SHARE: Final = 0.3
@@ -218,6 +220,24 @@ def _loop_lines(
     return out
 
 
+class TrochoidSummary(Summary):
+    """Loops in place of slots."""
+
+    def _shown(self) -> Iterator[Part]:
+        rows = [
+            ("slots in lines", ", ".join(map(str, self.get("places", self["lines"]))), ""),
+            ("loops", "radius {radius_mm:g} mm", "step {step_mm:g} mm"),
+            ("engagement, computed", "{engagement_deg:.1f} deg", "mean {mean_engagement_deg:.1f} deg"),
+            ("engagement, cut", "{cut_engagement_deg:.1f} deg", "99 % of the loops stay below"),
+            ("feed", "{feed_mm_min:g} mm/min", "bound by {feed_bound_by}"),
+            ("mean force, largest", "{peak_force_n[1]:g} N", "{peak_force_n[0]:g} N before"),
+            ("volume", "{volume_percent:g} %", "of that of the slots"),
+            ("time", "{time_s[1]:g} s", "{time_s[0]:g} s before"),
+        ]
+        title = self.line("{program}: {milling}-milling with T{tool}")
+        yield ShownTable(title, ["", "value", ""], [[self.line(text) for text in row] for row in rows])
+
+
 def run(
     program: str | Path,
     cell_file: str | Path,
@@ -226,7 +246,7 @@ def run(
     *,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> TrochoidSummary:
     """Write the program with loops and ``summary.json`` into ``out``: both or none; returned is the summary."""
     cell = read_cell(cell_file)
     parts = in_parts(progress, {READING: 1.0, WRITING: 0.2, CHECKING: 4.0})
@@ -241,7 +261,7 @@ def run(
         summary = _summary(job, before, again, _cut(again, cell, parts[CHECKING]), result, cell)
         write_summary(staging / "summary.json", summary)
     progress(1.0)
-    return summary
+    return TrochoidSummary(summary)
 
 
 def _summary(job: Job, before: Cut, again: Job, after: Cut, result: Rewritten, cell: Cell) -> dict[str, Any]:

@@ -13,10 +13,8 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.option_records import with_records
 from counterflex.cli.output import (
-    MODEL,
     Layers,
     keep_inputs,
-    line_of,
     print_json,
     print_table,
     progress_bar,
@@ -25,6 +23,7 @@ from counterflex.cli.output import (
 )
 from counterflex.core.units import UM
 from counterflex.programs.language import BY_ENDING, at_prompt, dialects
+from counterflex.report.glossary import MODEL, line_of
 
 if TYPE_CHECKING:
     from counterflex.app.inputs import Reading

@@ -16,7 +16,6 @@ from counterflex.cli.option_records import with_records
 from counterflex.cli.output import (
     keep_folders,
     keep_inputs,
-    line_of,
     print_json,
     print_result,
     print_table,
@@ -26,6 +25,7 @@ from counterflex.cli.output import (
 )
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
+from counterflex.report.glossary import line_of
 from counterflex.twin.truth.family import FAMILIES
 
 SEEDS = option("--seeds", "Truth seeds: how many, from 1 on, or which: 2001-2008,2011.", metavar="N|A-B,C")

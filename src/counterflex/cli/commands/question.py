@@ -10,10 +10,11 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.commands.cell_import import cell_import
-from counterflex.cli.output import MODEL_NOTE, print_json, print_table, warn
+from counterflex.cli.output import print_json, print_table, warn
 from counterflex.core.errors import InputError
 from counterflex.core.jit import few_calls
 from counterflex.core.next_command import next_command
+from counterflex.report.glossary import MODEL_NOTE
 
 AsJson = Annotated[bool, option("--json", "Print JSON instead of a table.")]
 Target = Annotated[
