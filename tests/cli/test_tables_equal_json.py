@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.cli.commands.log import INCOMPLETE, show_process
-from counterflex.cli.output import expected_text, keep_folders, keep_inputs
+from counterflex.app.run.log import process_parts
+from counterflex.cli.commands.log import INCOMPLETE
+from counterflex.cli.output import keep_folders, keep_inputs
 from counterflex.core.errors import InputError
+from counterflex.report.glossary import expected_text
 
 ROBOT = "kuka_kr300_r2500_ultra"
 JOINTS = "5,-95,110,20,-35,40"
@@ -92,9 +94,10 @@ def test_the_table_of_changes(counterflex: Any, tmp_path: Path, by: str) -> None
 
 
 @pytest.mark.parametrize(("share", "least"), [(0.031, 0.62), (0.5, 0.4)])
-def test_slowed_cycles_are_shown_in_per_cent(capsys: pytest.CaptureFixture[str], share: float, least: float) -> None:
-    show_process({"events": [], "event_counts": {}, "wear": None, "slowed_share": share, "least_speed": least})
-    assert f"slowed in {100 * share:.1f} % of the cycles, down to {100 * least:.0f} %" in capsys.readouterr().out
+def test_slowed_cycles_are_shown_in_per_cent(share: float, least: float) -> None:
+    found = {"events": [], "event_counts": {}, "wear": None, "slowed_share": share, "least_speed": least}
+    (line,) = process_parts(found)
+    assert f"slowed in {100 * share:.1f} % of the cycles, down to {100 * least:.0f} %" in str(line)
 
 
 @pytest.mark.parametrize("incomplete", [True, False])

@@ -22,7 +22,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, UM
+from counterflex.core.units import DEG, UM, plain
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_with_posture
@@ -229,13 +229,9 @@ def held_row(held: Held, job: Job, axes: ControllerAxes) -> dict[str, Any]:
         "turned_deg": 0.0
         if held.turning is None
         else round(float(np.sum(np.abs(np.diff(held.turning.angle_rad)))) / DEG, 3),
-        "deflection_um": _um(held.share_m),
-        "largest_um": _um(held.largest_m),
+        **plain(held, "deflection_um=share_m:2 largest_um:2"),
         "largest_in_line": int(job.line_of_motion[job.machined.motion[row]]),
-        "reversals": held.reversals,
-        "unloadings": held.unloadings,
-        "limit_margin_deg": round(held.limit_margin_rad / DEG, 2),
-        "wrist_deg": round(held.wrist_rad / DEG, 2),
+        **plain(held, "reversals unloadings limit_margin_deg:2 wrist_deg:2"),
         "start_axes_deg": np.round(axes.shown(held.q[0]) / DEG, 3).tolist(),
     }
 

@@ -19,7 +19,7 @@ from counterflex.core.output_place import is_printed
 from counterflex.core.printable import printable
 from counterflex.core.progress import Progress
 from counterflex.core.remarks import shown
-from counterflex.report.result import ShownTable, Summary, Warned
+from counterflex.report.result import Part, ShownTable, Summary, Warned
 
 Layers = Annotated[
     list[str] | None,
@@ -50,25 +50,30 @@ def print_result(result: Any, as_json: bool, show: Callable[..., None], *of: Any
         show(result, *of)
 
 
+def print_part(part: Part) -> None:
+    """Print a line or a table of a result."""
+    import typer
+
+    if isinstance(part, ShownTable):
+        print_table(part.title, part.columns, part.rows, note=part.note)
+    elif isinstance(part, Warned):
+        warn(part)
+    else:
+        typer.echo(part)
+        shown(part)
+
+
 def print_summary(result: Summary, as_json: bool, out: Path | None = None, files: str = "") -> None:
     """Print a result as JSON, or the lines and tables that show it and what was written.
 
     Args:
         files: What was written into ``out``, with values of the result in braces.
     """
-    import typer
-
     if as_json:
         print_json(result)
         return
     for part in result.parts():
-        if isinstance(part, ShownTable):
-            print_table(part.title, part.columns, part.rows, note=part.note)
-        elif isinstance(part, Warned):
-            warn(part)
-        else:
-            typer.echo(part)
-            shown(part)
+        print_part(part)
     say_written(out, f"wrote {out}{result.line(files)}")
 
 

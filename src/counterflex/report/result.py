@@ -129,7 +129,11 @@ def _column(declared: str) -> tuple[str, str, str]:
     return heading, template if "{" in template else f"{{{template}}}", missing
 
 
-class Warned(str):
+class Said(str):
+    """A line as it is, braces and all."""
+
+
+class Warned(Said):
     """A line that warns."""
 
 
@@ -222,3 +226,14 @@ class Summary(Result, dict[str, Any]):
 
     def _lines(self) -> list[str]:
         return [part.title if isinstance(part, ShownTable) else part for part in self.parts()]
+
+
+class Lines(Summary):
+    """Values that are shown by lines with values in braces, and by tables."""
+
+    def __init__(self, values: Mapping[str, Any], *parts: Part) -> None:
+        super().__init__(values)
+        self._given = parts
+
+    def _shown(self) -> Iterator[Part]:
+        return (self.line(part) if type(part) is str else part for part in self._given)

@@ -8,6 +8,7 @@ from typing import Any
 
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.units import plain
 from counterflex.files.certificate.document import read_certificate
 from counterflex.files.certificate.dsi_unit import parse_unit
 from counterflex.files.certificate.quantities import Quantity
@@ -63,11 +64,7 @@ def described(file: Path) -> dict[str, Any]:
     """Laboratory, date, items and quantities of a certificate."""
     certificate = read_certificate(file)
     return {
-        "number": certificate.number,
-        "laboratory": certificate.laboratory,
-        "date": certificate.date,
-        "schema": certificate.version,
-        "signed": certificate.signed,
+        **plain(certificate, "number laboratory date schema=version signed"),
         "items": [{"name": item.name, "identifications": list(item.identifications)} for item in certificate.items],
         "quantities": [_row(quantity, certificate.file) for quantity in certificate.quantities],
     }
@@ -81,11 +78,7 @@ def _row(quantity: Quantity, where: str) -> dict[str, Any]:
     except FileFormatError as fault:
         unread = unread or f"{fault.what}: {fault.value}"
     return {
-        "number": quantity.number,
-        "name": quantity.name,
-        "id": quantity.ident,
-        "kinds": list(quantity.ref_types),
-        "values": list(quantity.values),
+        **plain(quantity, "number name id=ident kinds=ref_types values"),
         "units": list(dict.fromkeys(quantity.units)),
         "standard_uncertainties": None if quantity.sigma is None else list(quantity.sigma),
         "coverage_factors": sorted(set(quantity.coverage)),

@@ -36,7 +36,7 @@ from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.band_solver import Observations
 from counterflex.evaluate.path_error.contacts import Nodes, nodes_of
 from counterflex.evaluate.path_error.explanations import ALIKE, explanations
-from counterflex.evaluate.path_error.learning import ExpectedSurface, MeasuredError, expected
+from counterflex.evaluate.path_error.learning import MeasuredError, expected
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
 from counterflex.files.part_deviations import MeasuredPart, read_path_error, write_part_deviations, write_path_error
@@ -211,7 +211,7 @@ def correct(
         "scatter_um": round(state.scatter_m / UM, 1),
         "change_um": round(float(np.max(np.linalg.norm(change, axis=1))) / UM, 1),
         "changed": bool(np.any(further)),
-        "expected": _shown(prediction),
+        "expected": prediction.shown(),
         "not_seen": _not_seen(measured, plan, loaded, nodes),
         "explanations": shown(weighed),
         "alike": [e.name for e in weighed if weighed[0].log_evidence - e.log_evidence < ALIKE],
@@ -264,15 +264,6 @@ def _in_all(seen: Observations, taken: Float) -> Observations:
     """Places as they would be had nothing been taken back because of earlier parts; ``taken`` (k, 3) m at the nodes."""
     begin, end = taken[seen.node - 1], taken[seen.node]
     return replace(seen, y_m=seen.y_m + np.sum(seen.normal * (begin + seen.share[:, None] * (end - begin)), axis=1))
-
-
-def _shown(e: ExpectedSurface) -> dict[str, float]:
-    return {
-        "now_p997_um": round(e.now_m / UM, 1),
-        "next_p997_um": round(e.median_m / UM, 1),
-        "next_5_percent_um": round(e.low_m / UM, 1),
-        "next_95_percent_um": round(e.high_m / UM, 1),
-    }
 
 
 def _not_seen(measured: list[MeasuredScan], plan: Plan, loaded: LoadedRobot, nodes: Nodes) -> dict[str, Any]:

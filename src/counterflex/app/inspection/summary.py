@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from counterflex.app.inspection.tool_path import InspectedPath, path_entry
 from counterflex.core.arrays import Float
-from counterflex.core.units import MM, UM, URAD
+from counterflex.core.units import MM, UM, URAD, plain
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.part_deviations import FACES
@@ -78,11 +77,7 @@ def summary_of(
         },
         "features": [
             {
-                "feature": row.feature,
-                "quantity": row.quantity,
-                "nominal_mm": round(row.nominal_m / MM, 4),
-                "tolerance_mm": round(row.tolerance_m / MM, 4),
-                "tolerance_source": row.tolerance_source,
+                **plain(row, "feature quantity nominal_mm:4 tolerance_mm:4 tolerance_source"),
                 **{
                     name: {
                         "worst_mm": round(row.worst_m[name] / MM, 4),
@@ -112,8 +107,7 @@ def _scale(one: ScaleEstimate) -> dict[str, Any]:
 
 
 def _coverage(one: Coverage) -> dict[str, float]:
-    names = ("machined", "judged", "unjudged", "unseen")
-    return {f"{name}_mm2": round(getattr(one, f"{name}_m2") / MM**2, 1) for name in names}
+    return plain(one, "machined_mm2:1 judged_mm2:1 unjudged_mm2:1 unseen_mm2:1")
 
 
 def _registration(registration: Registration) -> dict[str, Any]:
@@ -142,17 +136,6 @@ def _surface(deviation: SurfaceDeviation) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name in ("surface", "floor", "wall"):
         figures = getattr(deviation, name)
-        out[name] = {
-            "max_mm": _mm(figures.max_m),
-            "p997_mm": _mm(figures.p997_m),
-            "rms_mm": _mm(figures.rms_m),
-            "area_mm2": round(figures.extent / MM**2, 1),
-        }
-    out["surface"]["floor_resolution_mm"] = round(deviation.floor_resolution_m / MM, 3)
-    out["surface"]["wall_resolution_mm"] = round(deviation.wall_resolution_m / MM, 3)
-    out["surface"]["wall_lost_mm2"] = round(deviation.wall_lost_m2 / MM**2, 1)
+        out[name] = plain(figures, "max_mm:4 p997_mm:4 rms_mm:4") | {"area_mm2": round(figures.extent / MM**2, 1)}
+    out["surface"] |= plain(deviation, "floor_resolution_mm:3 wall_resolution_mm:3 wall_lost_mm2:1")
     return out
-
-
-def _mm(value_m: float) -> float | None:
-    return None if math.isnan(value_m) else round(value_m / MM, 4)

@@ -27,7 +27,7 @@ from counterflex.core import atomic, file_content, held as file_lock
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import MM, MS, N_PER_MM, UM
+from counterflex.core.units import MM, N_PER_MM, plain
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.files.cell.monitor import feed_exponent
@@ -331,11 +331,8 @@ def _taken(
         "cut_mm": round(result.cut_m / MM, 3),
         "removed_cm3": round(result.volume_m3 * 1e6, 4),
         "contact_s": round(result.contact_s, 3),
-        "delay_ms": round(at.delay_s / MS, 2),
-        "delay_sigma_ms": round(at.delay_sigma_s / MS, 2),
-        "edges": at.edges,
-        "zero_drift_n": [round(float(v), 2) for v in result.zero_drift_n],
-        "largest_online_um": round(result.online_m / UM, 1),
+        **plain(at, "delay_ms:2 delay_sigma_ms:2 edges"),
+        **result.shown(),
     }
     return KeptRun(result.stretches, facts)
 

@@ -27,7 +27,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import MM
+from counterflex.core.units import MM, plain
 from counterflex.evaluate.inspection.cad_rows import CadFeatures
 from counterflex.evaluate.inspection.mesh_shape import CadSolid
 from counterflex.files.cell.cell import Cell, read_cell
@@ -265,11 +265,7 @@ def _share(share: Share) -> dict[str, Any]:
 
 def _feature(one: DrawnFeature, before: DrawnFeature | None) -> dict[str, Any]:
     return {
-        "feature": one.feature,
-        "quantity": one.quantity,
-        "nominal_mm": round(one.nominal_m / MM, 4),
-        "tolerance_mm": round(one.tolerance_m / MM, 4),
-        "tolerance_source": one.tolerance_source,
+        **plain(one, "feature quantity nominal_mm:4 tolerance_mm:4 tolerance_source"),
         **_share(one.held()),
         "probability_as_it_is": None if before is None else round(before.held().probability, 4),
         "off_90_mm": [round(value / MM, 4) for value in one.off_90_m],

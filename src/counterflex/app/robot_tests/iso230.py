@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -31,9 +31,40 @@ from counterflex.evaluate.iso230.straightness import Straightness
 from counterflex.evaluate.iso9283.path_cycles import ZONE, path_cycles
 from counterflex.files.logs.tracker_exports.formats import OWN
 from counterflex.files.summary_file import write_summary
+from counterflex.report.result import Part, Summary
 
 _STRAIGHT_M: Final = 1.0 * UM
 _NEARER: Final = (0.3, 0.1, 0.05, 0.05)
+
+
+class CircularTest(Summary):
+    """Turns of a circular test, and pairs of both directions."""
+
+    def _shown(self) -> Iterator[Part]:
+        names = ["G_um", "G_lsc_um", "F_max_um", "F_min_um", "F_nominal_max_um", "F_nominal_min_um", "axial_um"]
+        names = [name for name in names if any(row.get(name) is not None for row in self["turns"])]
+        figures = "".join(f"{name.removesuffix('_um').replace('_', ' ')}={name}?:.1f | " for name in names)
+        title = self.line("Turns about a nominal radius of {radius_mm:g} mm, um") or "Turns, um"
+        yield self.rows("turns", title, f"turn | direction | {figures}radius mm:.4f")
+        if self["bi_directional"]:
+            columns = "pair | G(b)=G_b_um:.1f | G(b) lsc=G_b_lsc_um:.1f | D=D_um:.1f | H (1996)=H_um:.1f"
+            yield self.rows("bi_directional", "Both directions, um", columns)
+        yield self.line(CONDITIONS)
+
+
+class StraightnessTest(Summary):
+    """Straightness of the stretches of a path."""
+
+    def _shown(self) -> Iterator[Part]:
+        names = ("horizontal", "horizontal_ls", "vertical", "vertical_ls", "cylinder", "cylinder_ls")
+        figures = "".join(f" | {name.replace('_', ' ')}={name}_um:.1f" for name in names)
+        title = "Straightness, um: minimum zone and least squares (ls)"
+        columns = f"stretch | cycle | length mm:.1f{figures}"
+        yield self.rows("stretches", title, columns, "left out: {ends_left_out}")
+        yield self.line(CONDITIONS)
+
+
+CONDITIONS: Final = "frame: {frame}; filter: {filter}; commanded: {commanded}"
 
 
 def circular(
@@ -46,7 +77,7 @@ def circular(
     form: str = OWN,
     average_ms: float = 0.0,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> CircularTest:
     """Judge circular paths by ISO 230-4; with ``out``, write tables, ``summary.json`` and ``report.html``.
 
     Args:
@@ -94,7 +125,7 @@ def circular(
         table = pl.concat([_turn_table(k, turn) for k, turn in enumerate(each, 1)])
         _write(out, summary, pl.DataFrame(rows), table, circle_page(summary, each))
     progress(1.0)
-    return summary
+    return CircularTest(summary)
 
 
 def _radius(nominal: Circle | None, stated_mm: float | None) -> float | None:
@@ -125,7 +156,7 @@ def straight(
     form: str = OWN,
     average_ms: float = 0.0,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> StraightnessTest:
     """Judge the straight stretches of a path; with ``out``, write tables, ``summary.json`` and ``report.html``.
 
     Args:
@@ -163,7 +194,7 @@ def straight(
         table = pl.concat([_straight_table(k + 1, rests(p)) for k, (_, p) in enumerate(parts)])
         _write(out, summary, pl.DataFrame(rows), table, straight_page(summary, [p for _, p in parts]))
     progress(1.0)
-    return summary
+    return StraightnessTest(summary)
 
 
 def _read(

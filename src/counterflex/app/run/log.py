@@ -19,8 +19,9 @@ from counterflex.app.run.loop import loop_plan, online_loop
 from counterflex.app.run.missing import LogMissing
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Int
+from counterflex.core.next_command import next_command
 from counterflex.core.progress import Progress, silent
-from counterflex.core.units import NS, UM
+from counterflex.core.units import NS, UM, plain
 from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import Percentiles
 from counterflex.evaluate.run_record import RunFigures, RunRecord
@@ -29,6 +30,8 @@ from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
 from counterflex.files.logs.segment import require_all
 from counterflex.files.logs.segments import LogSegment, segments
 from counterflex.files.plan_file import read_plan
+from counterflex.protocols.session.comparison import not_closed_line
+from counterflex.report.result import Part, ShownTable, Summary
 from counterflex.runtime.estimator.fusion import level
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, is_whole
@@ -39,7 +42,107 @@ FORCE_SENSORS: Final = ("none", "flange sensor", "holder", "both")
 """What of two force sensors is used, by its bits."""
 
 
-def show(folder: str | Path, *, brief: bool = False) -> dict[str, Any]:
+_SHOWN: Final = 20  # Rows of a table of the prompt
+
+
+class LogSummary(Summary):
+    """Runs of a log, and what of it is missing."""
+
+    def _shown(self) -> Iterator[Part]:
+        for run in self["runs"]:
+            yield from _run_parts(run, several=len(self["runs"]) > 1)
+        yield f"segments: {len(self['segments'])}"
+        if self["unread"]:
+            count = len(self["unread"])
+            yield f"by their digests: {count} of them; their records were not read, without --brief they are"
+        yield from self["lines"]
+        if self["cut"]:
+            yield self.line("cut short: {cut}. ") + f"{next_command('log repair', self.folder)} writes them anew"
+        elif self["damage"]:
+            yield f"{next_command('log repair', self.folder)} writes damaged segments anew"
+
+    def __init__(self, folder: str | Path, values: dict[str, Any]) -> None:
+        super().__init__(values)
+        self.folder = folder
+
+
+def _run_parts(run: dict[str, Any], *, several: bool) -> Iterator[Part]:
+    yield ShownTable.of(
+        f"Run {run['run']}" if several else "Run",
+        "answered | no telegram=waited | telegrams lost | records lost | seconds:g | largest correction um:g | "
+        "step um=largest_step_um:g",
+        [run],
+    )
+    reply = run["reply_us"] or dict.fromkeys(("p50", "p99", "p99.9", "max"))
+    columns = " | ".join(f"{name}={k}:g~-" for k, name in enumerate(reply))
+    yield ShownTable.of("Time to answer, us", columns, [tuple(reply.values())])
+    columns = "state={0!w} | cycles={1[cycles]} | seconds={1[seconds]:g}"
+    yield ShownTable.of("States", columns, run["states"].items())
+    if run["sources"]:
+        yield ShownTable.of("The estimate rested on", "sources=0 | cycles=1", run["sources"].items())
+    for title, key in (("its sources", "sources_changes"), ("the force sensors", "force_sensors_changes")):
+        yield from _changes(f"Changes of {title}", run[key])
+    yield from _changes("Changes", run["changes"])
+    columns = "incident=number | cycle | seconds=time_s:.3f | state={state!w} | cause={cause!w} | out of={before!w}"
+    yield from _first("Incidents", columns, run["incidents"], run["incidents_total"])
+    actions = [
+        one
+        | {
+            "said": str(one.get("action", one.get("text", ""))),
+            "outcome": "done" if one.get("done") else str(one.get("refused", "")),
+        }
+        for one in run["operator_actions"]
+    ]
+    columns = "seconds=time_s:.3f~- | who=who? | from=from? | action=said | outcome"
+    yield from _first("Operator", columns, actions, len(actions))
+    yield from process_parts(run)
+    if run["not_closed"]:
+        yield f"at its start: {not_closed_line(run['not_closed'])}"
+    if run["causes"]:
+        causes = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
+        yield "cycles with a cause: " + ", ".join(causes)
+
+
+def _changes(title: str, changes: list[dict[str, Any]]) -> Iterator[Part]:
+    rows = [one | {"why": "" if one["cause"] == "none" else one["cause"]} for one in changes]
+    columns = "cycle | seconds=time_s:.3f | from={from!w} | to={to!w} | cause={why!w}"
+    yield from _first(title, columns, rows, len(rows))
+
+
+def _first(title: str, columns: str, rows: list[dict[str, Any]], count: int) -> Iterator[Part]:
+    if rows:
+        note = f"and {count - _SHOWN} more; --json lists them" if count > _SHOWN else ""
+        yield ShownTable.of(title, columns, rows[:_SHOWN], note)
+
+
+def process_parts(figures: dict[str, Any]) -> Iterator[Part]:
+    """Lines and tables of what process monitoring found in a run."""
+    yield from figures.get("not_looked_at", [])
+    if events := figures["events"]:
+        counts = figures["event_counts"]
+        kinds = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items())
+        yield ShownTable.of(
+            "Process events",
+            "event={event!w} | path mm:.1f | seconds=time_s:.3f | cycle | value:g | limit:g | =unit",
+            events[:_SHOWN],
+            f"in all {kinds}; --json lists {len(events)}" if sum(counts.values()) > _SHOWN else "",
+        )
+    wear = figures["wear"]
+    if wear is not None and wear["trend_percent_per_m"] is None:
+        yield f"{wear['cut_m']:g} m of cut: too short for a trend of measured over predicted force"
+    elif wear is not None:
+        yield (
+            f"force by predicted force over {wear['cut_m']:g} m of cut: {wear['trend_percent_per_m']:+g}"
+            f" +- {wear['range95_percent_per_m']:g} % per metre (95 %)"
+        )
+    if figures["slowed_share"] > 0.0:
+        yield (
+            f"slowed in {100.0 * figures['slowed_share']:.1f} % of the cycles,"
+            f" down to {100.0 * figures['least_speed']:.0f} % of the programmed speed"
+        )
+
+
+def show(folder: str | Path, *, brief: bool = False) -> LogSummary:
     """Summary of a run log.
 
     Args:
@@ -78,7 +181,7 @@ def show(folder: str | Path, *, brief: bool = False) -> dict[str, Any]:
     for number, lost in missing.end(folder).at_end.items():
         runs[number].end(lost)
     incidents = numbered(finders)
-    return {
+    found = {
         "segments": names,
         **missing.shown(),
         "incomplete": missing.incomplete,
@@ -98,6 +201,7 @@ def show(folder: str | Path, *, brief: bool = False) -> dict[str, Any]:
         ],
         "counterflex": __version__,
     }
+    return LogSummary(folder, found)
 
 
 def _action(facts: dict[str, Any], begin_ns: int | None) -> dict[str, Any]:
@@ -129,35 +233,15 @@ def _facts(about: dict[str, Any]) -> dict[str, Any]:
 
 def _shown(figures: RunFigures) -> dict[str, Any]:
     return {
-        "records": figures.records,
-        "records_lost": figures.records_lost,
-        "answered": figures.answered,
-        "waited": figures.waited,
-        "telegrams_lost": figures.telegrams_lost,
-        "seconds": round(figures.time_s, 3),
+        **figures.shown(),
         "states": {
             s.name.lower(): {"cycles": cycles, "seconds": round(t, 3)} for s, (cycles, t) in figures.states.items()
         },
         "causes": {cause.name.lower(): count for cause, count in figures.causes.items()},
-        "changes": [
-            {
-                "cycle": change.cycle,
-                "time_s": round(change.time_s, 3),
-                "from": change.before.name.lower(),
-                "to": change.after.name.lower(),
-                "cause": change.cause.name.lower(),
-            }
-            for change in figures.changes
-        ],
+        "changes": [change.shown() for change in figures.changes],
         "sources": {level(s): cycles for s, cycles in figures.sources.items()},
         "sources_changes": [
-            {
-                "cycle": change.cycle,
-                "time_s": round(change.time_s, 3),
-                "from": level(change.before),
-                "to": level(change.after),
-                "cause": change.cause.name.lower(),
-            }
+            change.shown() | {"from": level(change.before), "to": level(change.after)}
             for change in figures.sources_changes
         ],
         "force_sensors": {FORCE_SENSORS[k]: cycles for k, cycles in figures.pair.items()},
@@ -173,8 +257,7 @@ def _shown(figures: RunFigures) -> dict[str, Any]:
         ],
         **shown_process(figures.process),
         "reply_us": None if figures.reply is None else micro(figures.reply),
-        "largest_correction_um": round(figures.largest_m / UM, 2),
-        "largest_step_um": round(figures.largest_step_m / UM, 3),
+        **plain(figures, "largest_correction_um=largest_m:2 largest_step_um:3"),
     }
 
 

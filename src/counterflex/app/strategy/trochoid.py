@@ -16,7 +16,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, MM, MM_PER_MIN
+from counterflex.core.units import DEG, MM, MM_PER_MIN, plain
 from counterflex.cutting.force import zero_normal_force_immersion
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
@@ -278,11 +278,8 @@ def _summary(job: Job, before: Cut, again: Job, after: Cut, result: Rewritten, c
         "lines": list(result.lines),
         "tool": result.tool,
         "milling": "up" if result.up else "down",
-        "width_mm": round(result.width_m / MM, 4),
-        "radius_mm": round(loop.radius_m / MM, 4),
-        "step_mm": round(loop.step_m / MM, 4),
-        "engagement_deg": round(loop.engagement_rad / DEG, 3),
-        "mean_engagement_deg": round(loop.mean_rad / DEG, 3),
+        **plain(result, "width_mm:4"),
+        **plain(loop, "radius_mm:4 step_mm:4 engagement_deg:3 mean_engagement_deg=mean_rad:3"),
         "cut_engagement_deg": round(
             float(np.quantile(replaced[rows], 0.99, weights=length[rows], method="inverted_cdf")) / DEG, 2
         ),

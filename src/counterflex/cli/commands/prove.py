@@ -18,6 +18,7 @@ from counterflex.cli.output import (
     keep_inputs,
     print_json,
     print_result,
+    print_summary,
     print_table,
     progress_bar,
     say_written,
@@ -26,6 +27,7 @@ from counterflex.cli.output import (
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 from counterflex.report.glossary import line_of
+from counterflex.report.result import Lines, ShownTable, fill
 from counterflex.twin.truth.family import FAMILIES
 
 SEEDS = option("--seeds", "Truth seeds: how many, from 1 on, or which: 2001-2008,2011.", metavar="N|A-B,C")
@@ -98,16 +100,11 @@ def simulate(
     reading = source.reading()
     with progress_bar(f"machining {program.name}") as progress:
         summary = job.run(program, cell, truth, out, original=original, reading=reading, progress=progress)
-    if as_json:
-        print_json(summary)
-        return
-    machining = summary["machining"]
-    print_table(
-        f"{summary['program']} machined, seed {summary['seed']}",
-        ["time s", "in the cut s", "peak force N", "largest offset mm"],
-        [[f"{machining[key]:g}" for key in ("duration_s", "cutting_s", "peak_force_n", "largest_offset_mm")]],
+    columns = "time s=duration_s:g | in the cut s=cutting_s:g | peak force N=peak_force_n:g | largest offset mm:g"
+    title = fill("{program} machined, seed {seed}", summary)
+    print_summary(
+        Lines(summary, ShownTable.of(title, columns, [summary["machining"]])), as_json, out, " ({seconds:.1f} s)"
     )
-    typer.echo(f"wrote {out} ({summary['seconds']:.1f} s)")
 
 
 def evaluate(
@@ -162,22 +159,12 @@ def mesh(
 
     with progress_bar(f"meshing {folder.name}") as progress:
         summary = job.run(folder, out, range_m=range_um * UM, progress=progress)
-    if as_json:
-        print_json(summary)
-        return
-    print_table(
-        f"deviation of {summary['program']} on {summary['cell']}, along the normal of the surface",
-        ["surface", "points", "50 %", "99.7 %", "largest"],
-        [
-            [name, str(row["points"]), *(_um(row[key]) for key in ("p50_um", "p997_um", "max_um"))]
-            for name, row in ((name, summary[name]) for name in ("walls", "floors"))
-        ],
+    table = ShownTable.of(
+        fill("deviation of {program} on {cell}, along the normal of the surface", summary),
+        "surface | points | 50 %={p50_um:.1f} um~none | 99.7 %={p997_um:.1f} um~none | largest={max_um:.1f} um~none",
+        [summary[name] | {"surface": name} for name in ("walls", "floors")],
     )
-    say_written(out, f"wrote {out}: nominal.stl, machined.ply, points.parquet, summary.json")
-
-
-def _um(value: float | None) -> str:
-    return "none" if value is None else f"{value:.1f} um"
+    print_summary(Lines(summary, table), as_json, out, ": nominal.stl, machined.ply, points.parquet, summary.json")
 
 
 def report(

@@ -9,7 +9,6 @@ import typer
 
 from counterflex.cli import arguments, interrupt
 from counterflex.cli.arguments import address, option
-from counterflex.cli.commands.log import show_process
 from counterflex.cli.commands.program import CellFile, MachineOptions, Out, Program
 from counterflex.cli.commands.simulated.options import require_not_abandoned, say_force_device
 from counterflex.cli.option_records import with_records
@@ -18,6 +17,7 @@ from counterflex.cli.output import (
     host_port,
     keep_inputs,
     line_period_s,
+    print_part,
     print_result,
     print_table,
     progress_bar,
@@ -144,6 +144,7 @@ def _warn(line: str) -> None:
 
 def _show(summary: dict[str, Any], out: Path) -> None:
     """Print what a run was, for people."""
+    from counterflex.app.run.log import process_parts
     from counterflex.protocols.session.comparison import summary_lines
 
     print_table(
@@ -159,7 +160,8 @@ def _show(summary: dict[str, Any], out: Path) -> None:
         ],
     )
     typer.echo("states: " + ", ".join(f"{name} {count}" for name, count in summary["states"].items()))
-    show_process(summary)
+    for part in process_parts(summary):
+        print_part(part)
     for line in summary_lines(summary["compared"]):
         typer.echo(line)
     if summary["causes"]:
