@@ -45,12 +45,14 @@ class _Attributes(dict[str, Any]):
 class _Text(string.Formatter):
     def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
         try:
-            value, used = super().get_field(field_name.removesuffix("?"), args, kwargs)
+            return super().get_field(field_name.removesuffix("?"), args, kwargs)
         except (KeyError, IndexError):
             if not field_name.endswith("?"):
                 raise
-            return None, field_name
-        return value, used
+        except TypeError as fault:  # a part of something that is None is None
+            if "NoneType" not in str(fault):
+                raise
+        return None, field_name
 
     def convert_field(self, value: Any, conversion: Any) -> Any:
         if isinstance(value, list | tuple):
@@ -70,8 +72,8 @@ class _Text(string.Formatter):
             raise _Missing
         if isinstance(value, list | tuple):
             return ", ".join(self.format_field(one, format_spec) for one in value)
-        if isinstance(value, str):
-            return value
+        if isinstance(value, str) or (isinstance(value, int) and format_spec == "g"):
+            return str(value)  # :g would write a million as 1e+06
         return digits_of(value, int(format_spec[1:])) if format_spec[:1] == "D" else format(value, format_spec)
 
 
