@@ -21,7 +21,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT, UM
+from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT, UM, plain
 from counterflex.evaluate.inspection.cad_rows import even_points
 from counterflex.evaluate.inspection.mesh_shape import CadSolid
 from counterflex.evaluate.inspection.nominal_part import NominalPart
@@ -276,8 +276,7 @@ def _path_speed(result: Preflight) -> dict[str, Any]:
     if speed is None:
         return {}
     figures = {
-        "cut_mm": round(speed.cut_m / MM, 3),
-        "slower_mm": round(speed.slower_m / MM, 3),
+        **plain(speed, "cut_mm:3 slower_mm:3"),
         "slower_percent": round(speed.share / PERCENT, 3),
         "more_s": round(speed.more_s, 3),
         "lowest_mm_min": round(speed.lowest_m_s / MM_PER_MIN, 2),

@@ -72,10 +72,11 @@ def plain(of: object, names: str) -> dict[str, Any]:
 
 
 def _plain(value: Any, digits: str, size: float, factor: float) -> Any:
-    if isinstance(value, Enum):
+    if isinstance(value, Enum) and not isinstance(value, str):
         return value.name.lower()
     if isinstance(value, list | tuple) or getattr(value, "ndim", 0) == 1:
         return [_plain(one, digits, size, factor) for one in value]
-    if value is None or not digits:
+    if value is None or (not digits and size == factor == 1.0):
         return value
-    return None if math.isnan(value) else round(factor * float(value) / size, int(digits))
+    number = factor * float(value) / size
+    return None if math.isnan(number) else round(number, int(digits)) if digits else number

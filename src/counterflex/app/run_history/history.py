@@ -11,6 +11,7 @@ from counterflex.app.run_history.logged_run import read_runs
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.units import plain
 from counterflex.evaluate.run_curves import trend
 from counterflex.files.summary_file import write_summary
 from counterflex.report.result import Part, ShownTable, Summary
@@ -139,11 +140,7 @@ def _programs(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                     "figure": name,
                     "title": title,
                     "unit": unit,
-                    "runs": one.runs,
-                    "mean": round(one.mean, 4),
-                    "slope_per_run": round(one.slope, 5),
-                    "half_width95": round(one.half_width, 5),
-                    "clear": one.clear,
+                    **plain(one, "runs mean:4 slope_per_run=slope:5 half_width95=half_width:5 clear"),
                 }
                 for name, (title, unit, of) in TRENDS.items()
                 if (one := trend([of(row) for row in runs])) is not None

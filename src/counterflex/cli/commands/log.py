@@ -12,6 +12,7 @@ from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.operate import log_export, run_history
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.output import print_json, print_part, progress_bar
+from counterflex.core.units import plain
 
 log = typer.Typer(no_args_is_help=True, help="What online runs logged: show, replay, export, repair, compare.")
 INCOMPLETE: Final = 5
@@ -85,11 +86,7 @@ def replay(
 def _plain(replayed: Any) -> dict[str, Any]:
     first = replayed.difference
     return {
-        "records": replayed.records,
-        "compared": replayed.compared,
-        "skipped": replayed.skipped,
-        "missing": replayed.missing,
-        "same": replayed.proved,
+        **plain(replayed, "records compared skipped missing same=proved"),
         "difference": None
         if first is None
         else {
