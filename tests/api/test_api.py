@@ -19,8 +19,8 @@ import counterflex as cf
 from counterflex.app.proof import evaluate, prove, simulate
 from counterflex.app.proof.truth import make_truth
 from counterflex.core.errors import InputError
+from counterflex.core.result import Result
 from counterflex.files.cell.cell import read_cell
-from counterflex.report.result import Result
 from counterflex.twin.truth.family import family_of
 
 GROOVE = Path(__file__).parents[2] / "examples" / "programs" / "groove.ngc"

@@ -9,10 +9,10 @@ import numpy as np
 
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_float
+from counterflex.core.result import Figure, Result
 from counterflex.core.units import DEG, MM, N_PER_MM, UM, UM_PER_KN, URAD_PER_KNM
 from counterflex.files.cell import cell as cell_file
 from counterflex.path.toolpath import tool_orientation, tool_poses
-from counterflex.report.result import Figure, Result
 from counterflex.robot.elasticity import chain as elastic_chain, compliance as cartesian, gravity
 from counterflex.robot.kinematics.inverse import inverse_path
 

@@ -14,12 +14,12 @@ from counterflex.app.identification import identify as job, propose as proposing
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Result
 from counterflex.files.dataset.units import factor
 from counterflex.files.dataset.writer import write_dataset
 from counterflex.files.identification_file import read_identification
 from counterflex.identify.data.channels import channel_kind
 from counterflex.identify.recipes import RECIPES
-from counterflex.report.result import Result
 
 if TYPE_CHECKING:
     import polars as pl

@@ -15,10 +15,10 @@ from counterflex.api.cell import Cell, model_of
 from counterflex.app import cell_modes
 from counterflex.app.pose_questions import checked_joints
 from counterflex.core.errors import InputError
+from counterflex.core.result import Figure, Result
 from counterflex.core.units import UM
 from counterflex.plan.elastic_motion import matrices
 from counterflex.plan.modes import frequency_response
-from counterflex.report.result import Figure, Result
 
 if TYPE_CHECKING:
     import polars as pl

@@ -18,10 +18,10 @@ from counterflex.app.proof.judge import JudgedRun, ProofReference, judge, refere
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Figure, Result
 from counterflex.core.units import MM
 from counterflex.evaluate.summary import SeedResult, summary
 from counterflex.files.summary_file import write_folder_summary
-from counterflex.report.result import Figure, Result
 
 if TYPE_CHECKING:
     from counterflex.app.inspection.judging import Inspection

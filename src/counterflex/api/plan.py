@@ -14,9 +14,9 @@ from counterflex.app.compensation.headline import error_rows
 from counterflex.app.compensation.prediction import prediction
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Figure, Result
 from counterflex.core.units import UM
 from counterflex.files.plan_file import plan_table
-from counterflex.report.result import Figure, Result
 from counterflex.robot.model.opw import BRANCHES
 
 if TYPE_CHECKING:

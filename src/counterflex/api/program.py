@@ -13,9 +13,9 @@ from counterflex.app.inputs import AS_IT_IS, Reading
 from counterflex.app.robot_programs import companions
 from counterflex.app.written_out import listed
 from counterflex.core import atomic, file_content
+from counterflex.core.result import Figure, Result
 from counterflex.programs import program as programs
 from counterflex.programs.listing import Orientations, listing
-from counterflex.report.result import Figure, Result
 
 if TYPE_CHECKING:
     import polars as pl

@@ -9,8 +9,8 @@ import polars as pl
 
 from counterflex.app.run_history import pages
 from counterflex.app.run_history.logged_run import RunOfHistory
+from counterflex.core.result import Figure, Result
 from counterflex.core.units import MM, NS, UM
-from counterflex.report.result import Figure, Result
 
 if TYPE_CHECKING:
     from counterflex.app.run_history.logged_run import RunOfHistory

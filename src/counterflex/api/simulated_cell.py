@@ -20,8 +20,8 @@ from counterflex.app.proof import simulate as job
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Result
 from counterflex.core.units import N_PER_MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
-from counterflex.report.result import Result
 from counterflex.twin.truth import truth as truths
 from counterflex.twin.truth.family import family_of
 from counterflex.twin.truth.file import write_truth

@@ -18,6 +18,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Part, ShownTable, Summary, fill
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
@@ -28,7 +29,6 @@ from counterflex.plan.lowest_mode import damping_of, mode_of
 from counterflex.plan.modes import ModelSpread, UndampedModes, driven_modes, kinetic_shares, modes, point_motion
 from counterflex.plan.tap_fit import MassFit, Tap, fit_masses, frac
 from counterflex.report.modes_page import ModesData
-from counterflex.report.result import Part, ShownTable, Summary, fill
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
 

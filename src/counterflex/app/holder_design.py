@@ -16,12 +16,12 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Part, ShownTable, Summary, fill
 from counterflex.core.units import KN, MICRO, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.holder_file import holder_data, read_holder
 from counterflex.files.schema import write_toml
 from counterflex.files.summary_file import write_summary
-from counterflex.report.result import Part, ShownTable, Summary, fill
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.kinematics.inverse import inverse_all
 from counterflex.sensing.holder_design.bricks import solve

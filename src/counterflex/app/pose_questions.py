@@ -10,9 +10,9 @@ import numpy as np
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
-from counterflex.report.result import Part, ShownTable, Summary
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics import inverse
 from counterflex.robot.model import catalog

@@ -22,6 +22,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import DEG, UM, plain
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
@@ -37,7 +38,6 @@ from counterflex.plan.posture.held import Held, PostureTask
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.report.glossary import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
-from counterflex.report.result import Part, ShownTable, Summary
 from counterflex.robot.model.controller_axes import ControllerAxes
 from counterflex.robot.model.opw import BRANCHES
 

@@ -21,6 +21,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Part, ShownTable, Summary, fill
 from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT, UM, plain
 from counterflex.evaluate.inspection.cad_rows import even_points
 from counterflex.evaluate.inspection.mesh_shape import CadSolid
@@ -39,7 +40,6 @@ from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.stated.remarks import Stated
 from counterflex.programs.stated.two_readings import stated_postures
-from counterflex.report.result import Part, ShownTable, Summary, fill
 from counterflex.twin.plant.simulate import mounted_tools
 
 CHECK: Final = "nominal geometry"

@@ -12,6 +12,7 @@ from counterflex.app.pose_questions import checked_joints, joint_margins, pose_m
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import ReachError
 from counterflex.core.next_command import next_command
+from counterflex.core.result import Part, ShownTable, Summary, Warned, fill
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.class_stiffness import axis_names
@@ -20,7 +21,6 @@ from counterflex.files.schema import ComplianceTable
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
 from counterflex.report.glossary import MODEL_NOTE
-from counterflex.report.result import Part, ShownTable, Summary, Warned, fill
 from counterflex.robot.elasticity import compliance, gravity
 from counterflex.robot.elasticity.chain import ElasticChain, forward, rigid_axes
 from counterflex.robot.kinematics import inverse

@@ -19,6 +19,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import DEG, MM, RPM, UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stability.process import mean_chip_of_arcs
@@ -34,7 +35,6 @@ from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers, thin
 from counterflex.report.glossary import line_of
 from counterflex.report.page import render
-from counterflex.report.result import Part, ShownTable, Summary
 
 _POINTS: Final = 3000
 _SHOWN: Final = 20.0  # Margins above are drawn at this height: nothing is to be read from them

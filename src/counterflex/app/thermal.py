@@ -13,10 +13,10 @@ import numpy as np
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import MINUTE, RPM, UM
 from counterflex.evaluate.thermal.growth import GrowthCourse, GrowthModel, Touches, follow, micro
 from counterflex.files.touches_file import read_touches
-from counterflex.report.result import Part, ShownTable, Summary
 
 KIND, VERSION = "counterflex thermal", 2
 _SIGMAS: Final = 2.0

@@ -19,7 +19,7 @@ from counterflex.core.output_place import is_printed
 from counterflex.core.printable import printable
 from counterflex.core.progress import Progress
 from counterflex.core.remarks import shown
-from counterflex.report.result import Part, ShownTable, Summary, Warned
+from counterflex.core.result import Part, ShownTable, Summary, Warned
 
 Layers = Annotated[
     list[str] | None,

@@ -8,7 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.files.shop_unit import digits_of, unit_of_name
+from counterflex.core.result import digits_of
+from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.recipe import Identification, Picture
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.observability import DETERMINED

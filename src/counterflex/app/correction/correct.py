@@ -31,6 +31,7 @@ from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Part, ShownTable, Summary, Warned, fill
 from counterflex.core.units import UM
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.band_solver import Observations
@@ -49,7 +50,6 @@ from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot, loaded_robot
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.report import correction_page as page
-from counterflex.report.result import Part, ShownTable, Summary, Warned, fill
 
 
 def correction_page(result: Corrected) -> str:

@@ -23,6 +23,7 @@ from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Part, ShownTable, Summary, Warned
 from counterflex.core.units import MM, MRAD, UM
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
@@ -34,7 +35,6 @@ from counterflex.files.summary_file import write_folder_summary
 from counterflex.identify.data.changes import AxisPlay, AxisServo, Change, CuttingLaw, ElementCompliance
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan
-from counterflex.report.result import Part, ShownTable, Summary, Warned
 
 RECIPE: Final = "first_cut"
 PROGRAM, TABLE, CELL = "coupon.ngc", "measure.csv", "cell.toml"

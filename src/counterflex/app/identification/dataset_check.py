@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.files.dataset.writer import shop_factors
 from counterflex.geometry import rotation
 from counterflex.identify.data.channels import CHANNELS
 from counterflex.identify.stiffness.frame_pulls import summary
-from counterflex.report.result import Part, ShownTable, Summary
 
 
 class DatasetSummary(Summary):

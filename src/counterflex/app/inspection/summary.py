@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex.app.inspection.tool_path import InspectedPath, path_entry
 from counterflex.core.arrays import Float
+from counterflex.core.result import Part, ShownTable, Summary, fill
 from counterflex.core.units import MM, UM, URAD, plain
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.coverage import Coverage
@@ -19,7 +20,6 @@ from counterflex.evaluate.inspection.scanned_part import ScannedPart
 from counterflex.evaluate.inspection.size_errors import ScaleEstimate
 from counterflex.evaluate.surface import SurfaceDeviation
 from counterflex.files.scan.scan import Scan
-from counterflex.report.result import Part, ShownTable, Summary, fill
 
 
 @dataclass(frozen=True, eq=False)

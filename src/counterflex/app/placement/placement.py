@@ -20,6 +20,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Part, ShownTable, Summary, fill
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_with_place
@@ -32,7 +33,6 @@ from counterflex.plan.posture.cut_path import Surface
 from counterflex.plan.posture.held import Held, PostureTask, held
 from counterflex.plan.stability.stretches import Stretch, stretches_of
 from counterflex.report.glossary import EXPECTED_NOTE, EXPECTED_UM, MODEL, MODEL_NOTE, MODEL_UM, expected_text
-from counterflex.report.result import Part, ShownTable, Summary, fill
 
 READING, CUTTING, SEARCHING, CHOOSING = "reading the program", "cutting", "searching the place", "choosing the posture"
 TABLE: Final = "candidates.csv"

@@ -20,6 +20,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
@@ -31,7 +32,6 @@ from counterflex.plan.posture.survey import RobotHere
 from counterflex.report.data import Head
 from counterflex.report.glossary import MODEL_NOTE, MODEL_UM
 from counterflex.report.page import render
-from counterflex.report.result import Part, ShownTable, Summary
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 
 _VIEWS: Final = {"level": ("x_mm", "y_mm", "x of the base, mm", "y of the base, mm"),

@@ -27,6 +27,7 @@ from counterflex.core import atomic, file_content, held as file_lock
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import MM, N_PER_MM, plain
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
@@ -45,7 +46,6 @@ from counterflex.identify.production.drift import ForceDrift, RunFactor, drift, 
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
 from counterflex.identify.production.stretches import StretchChoice, joined, stretches_of
 from counterflex.identify.recipe import Identification
-from counterflex.report.result import Part, ShownTable, Summary
 from counterflex.runtime.monitoring.plan import lost_tooth
 
 

@@ -27,6 +27,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Part, Summary
 from counterflex.core.units import MM, plain
 from counterflex.evaluate.inspection.cad_rows import CadFeatures
 from counterflex.evaluate.inspection.mesh_shape import CadSolid
@@ -39,7 +40,6 @@ from counterflex.programs.compensated import refuse_compensated
 from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers
 from counterflex.report.page import render
-from counterflex.report.result import Part, Summary
 
 _SPAN = 3.0  # Deviations are shown up to this many tolerances; what is further off counts at the ends
 

@@ -17,6 +17,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Part, Summary
 from counterflex.core.units import MM, MS, UM
 from counterflex.evaluate.iso230.circular_test import (
     CLOCKWISE,
@@ -31,7 +32,6 @@ from counterflex.evaluate.iso230.straightness import Straightness
 from counterflex.evaluate.iso9283.path_cycles import ZONE, path_cycles
 from counterflex.files.logs.tracker_exports.formats import OWN
 from counterflex.files.summary_file import write_summary
-from counterflex.report.result import Part, Summary
 
 _STRAIGHT_M: Final = 1.0 * UM
 _NEARER: Final = (0.3, 0.1, 0.05, 0.05)

@@ -12,11 +12,11 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.core import atomic
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.iso230.positioning import Positioning, TargetFigures
 from counterflex.files.positioning_file import read_approaches
 from counterflex.files.summary_file import write_summary
-from counterflex.report.result import Part, ShownTable, Summary
 
 FIGURES: Final = {
     "A": "accuracy_m",

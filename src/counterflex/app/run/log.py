@@ -21,6 +21,7 @@ from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Int
 from counterflex.core.next_command import next_command
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import NS, UM, plain
 from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import Percentiles
@@ -31,7 +32,6 @@ from counterflex.files.logs.segment import require_all
 from counterflex.files.logs.segments import LogSegment, segments
 from counterflex.files.plan_file import read_plan
 from counterflex.protocols.session.comparison import not_closed_line
-from counterflex.report.result import Part, ShownTable, Summary
 from counterflex.runtime.estimator.fusion import level
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, is_whole

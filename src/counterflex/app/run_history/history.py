@@ -11,10 +11,10 @@ from counterflex.app.run_history.logged_run import read_runs
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import plain
 from counterflex.evaluate.run_curves import trend
 from counterflex.files.summary_file import write_summary
-from counterflex.report.result import Part, ShownTable, Summary
 
 TRENDS: Final[dict[str, tuple[str, str, Callable[[dict[str, Any]], float | None]]]] = {
     "force_ratio": ("wear: measured by planned force", "", lambda row: row["force_ratio"]),

@@ -10,9 +10,9 @@ from counterflex import __version__
 from counterflex.app.run_history.logged_run import RunOfHistory
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.files.summary_file import write_summary
 from counterflex.report.page import write_page
-from counterflex.report.result import Part, ShownTable, Summary
 from counterflex.report.run_history.page import ShownRun, runs_page
 
 COMPARED: Final = {

@@ -15,6 +15,7 @@ from counterflex.app.robot_programs import with_files
 from counterflex.app.strategy.advice import Advice, WallOperation, advise
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import MM, MM_PER_MIN, RPM, UM, UM_PER_KN
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell, read_cell
@@ -22,7 +23,6 @@ from counterflex.files.summary_file import SUMMARY, write_summary
 from counterflex.plan.strategy.advise import Choices
 from counterflex.plan.strategy.zero import normal_errors, normal_force, zero_width
 from counterflex.report.glossary import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text, line_of
-from counterflex.report.result import Part, ShownTable, Summary
 
 
 class RankedWays(Summary):

@@ -19,6 +19,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ModelError, ProgramError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
@@ -29,7 +30,6 @@ from counterflex.plan.lowest_mode import mode_of
 from counterflex.programs.program import Motion
 from counterflex.programs.reading import require_linuxcnc
 from counterflex.report.glossary import MODEL_NOTE, MODEL_UM, line_of
-from counterflex.report.result import Part, ShownTable, Summary
 
 READING, CHECKING, JUDGING = "finding the entries", "checking by removal", "force and error"
 STEP_M: Final = 0.25 * MM

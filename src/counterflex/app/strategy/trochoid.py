@@ -16,6 +16,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Part, ShownTable, Summary
 from counterflex.core.units import DEG, MM, MM_PER_MIN, plain
 from counterflex.cutting.force import zero_normal_force_immersion
 from counterflex.files.cell.cell import Cell, read_cell
@@ -25,7 +26,6 @@ from counterflex.plan.cut import Cut, cut
 from counterflex.plan.strategy.trochoid import TrochoidLoop, loop_for, pieces
 from counterflex.programs.program import Block, Program
 from counterflex.programs.reading import require_linuxcnc
-from counterflex.report.result import Part, ShownTable, Summary
 
 _TANGENT_RAD: Final = 0.25
 _SHARE: Final = 0.3

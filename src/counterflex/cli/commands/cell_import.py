@@ -8,8 +8,8 @@ from typing import Annotated
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.output import print_summary
+from counterflex.core.result import Lines, Part, Said, ShownTable
 from counterflex.core.units import DEG, MM
-from counterflex.report.result import Lines, Part, Said, ShownTable
 
 
 def cell_import(

@@ -9,7 +9,8 @@ import typer
 
 from counterflex.cli.output import print_table
 from counterflex.core.next_command import next_command
-from counterflex.files.shop_unit import digits_of, unit_of_name
+from counterflex.core.result import digits_of
+from counterflex.files.shop_unit import unit_of_name
 
 _OUTLIERS = 5
 _SENTENCES = 3

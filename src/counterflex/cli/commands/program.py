@@ -22,10 +22,10 @@ from counterflex.cli.output import (
     say_written,
     warn,
 )
+from counterflex.core.result import Part, ShownTable, fill
 from counterflex.core.units import UM
 from counterflex.programs.language import BY_ENDING, at_prompt, dialects
 from counterflex.report.glossary import MODEL, line_of
-from counterflex.report.result import Part, ShownTable, fill
 
 if TYPE_CHECKING:
     from counterflex.app.inputs import Reading

@@ -25,9 +25,9 @@ from counterflex.cli.output import (
     warn,
 )
 from counterflex.core.errors import InputError
+from counterflex.core.result import Lines, ShownTable, fill
 from counterflex.core.units import UM
 from counterflex.report.glossary import line_of
-from counterflex.report.result import Lines, ShownTable, fill
 from counterflex.twin.truth.family import FAMILIES
 
 SEEDS = option("--seeds", "Truth seeds: how many, from 1 on, or which: 2001-2008,2011.", metavar="N|A-B,C")

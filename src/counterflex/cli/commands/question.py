@@ -14,7 +14,7 @@ from counterflex.cli.output import print_json, print_part, print_summary, print_
 from counterflex.core.errors import InputError
 from counterflex.core.jit import few_calls
 from counterflex.core.next_command import next_command
-from counterflex.report.result import ShownTable
+from counterflex.core.result import ShownTable
 
 _GROUPS = ("geometry", "stiffness_about_axes", "masses")
 AsJson = Annotated[bool, option("--json", "Print JSON instead of a table.")]

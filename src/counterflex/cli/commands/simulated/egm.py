@@ -17,7 +17,7 @@ from counterflex.cli.commands.simulated.options import (
     require_not_abandoned,
 )
 from counterflex.cli.output import Layers, keep_inputs, print_summary, progress_bar
-from counterflex.report.result import Lines
+from counterflex.core.result import Lines
 
 
 def egm(

@@ -14,7 +14,7 @@ from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import Fault, Seconds, say_force_device
 from counterflex.cli.output import Layers, host_port, print_summary
 from counterflex.core.errors import InputError
-from counterflex.report.result import Lines
+from counterflex.core.result import Lines
 
 LoadFile = Annotated[
     Path | None,

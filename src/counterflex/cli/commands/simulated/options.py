@@ -9,7 +9,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.report.result import Said
+from counterflex.core.result import Said
 
 Fault = Annotated[
     list[str] | None,

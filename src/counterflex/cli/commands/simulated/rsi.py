@@ -20,7 +20,7 @@ from counterflex.cli.commands.simulated.options import (
 )
 from counterflex.cli.output import Layers, host_port, keep_inputs, print_summary, progress_bar
 from counterflex.core.errors import InputError
-from counterflex.report.result import Lines, fill
+from counterflex.core.result import Lines, fill
 
 
 def rsi(

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from counterflex.core.errors import InputError
-from counterflex.files.shop_unit import digits_of
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -78,6 +77,12 @@ class _Text(string.Formatter):
 
 
 _TEXT = _Text()
+
+
+def digits_of(value: float, digits: int) -> str:
+    """A number with so many significant digits; without an exponent from 0.0001 to 1e7."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text
 
 
 def fill(template: str, row: Any, missing: str = "") -> str:
