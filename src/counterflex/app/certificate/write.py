@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.result import Part, ShownTable, Summary, fill
 from counterflex.core.units import plain
 from counterflex.files.certificate.document import read_certificate
 from counterflex.files.certificate.dsi_unit import parse_unit
@@ -60,14 +62,46 @@ def write_document(
     return {"file": str(out), "number": number, "quantities": len(back.quantities), "checked": schema is not None}
 
 
-def described(file: Path) -> dict[str, Any]:
+class CertificateSummary(Summary):
+    """Laboratory, date, items and quantities of a certificate."""
+
+    def _shown(self) -> Iterator[Part]:
+        items = "; ".join(" ".join([one["name"], *one["identifications"]]) for one in self["items"])
+        signed = "Signed; the signature was not checked." if self["signed"] else "Not signed."
+        rows = []
+        for one in self["quantities"]:
+            row = one | {"mark": one["id"] or " ".join(one["kinds"]), "sigma": "none stated", "unit": "", "k": ""}
+            if one["values"] or not one["not_read"]:
+                if one["standard_uncertainties"] is not None:
+                    row["sigma"] = _several(one["standard_uncertainties"])
+                unit = ", ".join(one["units"]) + fill("{not_read: (%s)}", one)
+                row |= {"value": _several(one["values"]), "unit": unit}
+                row["k"] = ", ".join(f"{k:g}" for k in one["coverage_factors"])
+            else:
+                row |= {"value": one["not_read"], "sigma": ""}
+            rows.append(row)
+        yield ShownTable.of(
+            self.line("{number}, {laboratory}, {date}: ") + items,
+            "quantity=number | name | id or kind=mark | value | standard uncertainty=sigma | unit | k",
+            rows,
+            self.line("DCC {schema}. ") + signed,
+        )
+
+
+def _several(values: list[float]) -> str:
+    text = " ".join(f"{value:.6g}" for value in values[:6])
+    return text if len(values) <= 6 else f"{text} ... ({len(values)})"
+
+
+def described(file: Path) -> CertificateSummary:
     """Laboratory, date, items and quantities of a certificate."""
     certificate = read_certificate(file)
-    return {
+    found = {
         **plain(certificate, "number laboratory date schema=version signed"),
         "items": [{"name": item.name, "identifications": list(item.identifications)} for item in certificate.items],
         "quantities": [_row(quantity, certificate.file) for quantity in certificate.quantities],
     }
+    return CertificateSummary(found)
 
 
 def _row(quantity: Quantity, where: str) -> dict[str, Any]:
