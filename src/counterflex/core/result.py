@@ -3,9 +3,9 @@
 The columns of a table are one text: ``feature | nominal mm:.3f | held %=probability!p:.1f``. A column has a heading,
 behind ``=`` the name of its value where the heading is another (or a text with values in braces), and the form of
 numbers. Values are written as :meth:`str.format` does, with these differences: a list is written number by number;
-``!p`` is percent, ``!w`` words instead of an identifier, ``!y`` yes or no; ``:D4`` is four digits; ``:, in %s`` is a
-text around a value, empty where it is None; a name that ends with ``?`` may be missing. A text with a value that is
-None or missing is empty, or it is what stands behind ``~``.
+``!p`` is percent, ``!w`` words instead of an identifier; ``:D4`` is four digits; ``:, in %s`` is a text around a value,
+empty where it is None; a name that ends with ``?`` may be missing. A text with a value that is None or missing is
+empty, or it is what stands behind ``~``.
 """
 
 from __future__ import annotations
@@ -60,9 +60,7 @@ class _Text(string.Formatter):
             return None
         if conversion == "p":
             return 100.0 * value
-        if conversion == "w":
-            return value.replace("_", " ")
-        return ("yes" if value else "no") if conversion == "y" else super().convert_field(value, conversion)
+        return value.replace("_", " ") if conversion == "w" else super().convert_field(value, conversion)
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if "%" in format_spec[:-1]:
