@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.questions import CellCheck
-from counterflex.app.run.log import LogSummary, process_parts
+from counterflex.app.run.log_summary import LogSummary, process_parts
 from counterflex.cli.commands.log import INCOMPLETE
 from counterflex.cli.output import keep_folders, keep_inputs
 from counterflex.core.errors import InputError

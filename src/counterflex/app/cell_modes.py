@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +17,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
-from counterflex.core.result import Part, ShownTable, Summary, fill
+from counterflex.core.result import Parts, ShownTable, Summary, fill
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
@@ -41,7 +40,7 @@ COUNT: Final = 6
 class ModesSummary(Summary):
     """Modes, and a tap test beside them."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         rows = [
             row | {"bend": ", ".join(fill("{name} {share!p:.0f} %", one) for one in row["springs"])}
             for row in self["modes"]

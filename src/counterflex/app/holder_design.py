@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +15,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, silent
-from counterflex.core.result import Part, ShownTable, Summary, fill
+from counterflex.core.result import Parts, ShownTable, Summary, fill
 from counterflex.core.units import KN, MICRO, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.holder_file import holder_data, read_holder
@@ -131,7 +130,7 @@ CHOSEN: Final = "holder.toml"
 class HolderDesign(Summary):
     """Stiffness lost and signal gained by the pockets of a holder."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         rows = [
             [name.replace("_", " "), *(f"{v:.2f}" for v in row)] for name, row in self["compliance_um_per_kn"].items()
         ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import ElasticChain, forward
@@ -33,7 +32,7 @@ def chain_of(robot_or_cell: str) -> ElasticChain:
 class PoseOfJoints(Summary):
     """Pose of the tool centre point."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         for title, key, form in (
             (f"TCP of {self.name} in its base", "tcp_in_base", ".4f"),
             ("Margin to the joint limits, deg", "margins", ".2f"),
@@ -48,7 +47,7 @@ class PoseOfJoints(Summary):
 class JointsOfPose(PoseOfJoints):
     """Joint angles of every branch that reaches a pose."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         yield ShownTable.of(
             f"{len(self['solutions'])} ways for {self.name} to be there",
             f"branch | {''.join(f'A{i + 1} deg=joints_deg[{i}]:.4f | ' for i in range(6))}"

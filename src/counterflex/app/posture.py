@@ -6,7 +6,6 @@ import csv
 import io
 import time
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -22,7 +21,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import DEG, UM, plain
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
@@ -143,7 +142,7 @@ _SURFACE_WORDS: Final = {"both": "wall and floor", "wall": "the wall", "floor": 
 class PostureSummary(Summary):
     """Present and chosen posture."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         rows = [
             defaultdict(lambda: None, held or {}, posture=name, worth=expected_text(held) if held else "out of reach")
             for name, held in ((name, self[name]) for name in ("present", "chosen"))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -21,7 +20,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.result import Part, ShownTable, Summary, fill
+from counterflex.core.result import Parts, ShownTable, Summary, fill
 from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT, UM, plain
 from counterflex.evaluate.inspection.cad_rows import even_points
 from counterflex.evaluate.inspection.mesh_shape import CadSolid
@@ -278,8 +277,7 @@ def _path_speed(result: Preflight) -> dict[str, Any]:
     figures = {
         **plain(speed, "cut_mm:3 slower_mm:3"),
         "slower_percent": round(speed.share / PERCENT, 3),
-        "more_s": round(speed.more_s, 3),
-        "lowest_mm_min": round(speed.lowest_m_s / MM_PER_MIN, 2),
+        **plain(speed, "more_s:3 lowest_mm_min:2"),
         "causes_percent": {text: round(share / PERCENT, 2) for text, _, share in speed.causes},
     }
     return {"path_speed": figures}
@@ -296,17 +294,14 @@ def shown(row: Row, result: Preflight, job: Job, cell: Cell) -> dict[str, Any]:
         p_part = p_part if cell.R_part_plane is None else cell.R_part_plane @ p_part
         line, at = int(job.line_of_motion[motion]), np.round(p_part / MM, 3).tolist()
     return {
-        "check": row.check,
-        "verdict": row.verdict,
+        **plain(row, "check verdict"),
         "value": _plain(row.value, size),
         "limit": _plain(row.limit, size),
         "unit": unit,
         "line": line,
         "place": None if line is None else job.program.place(line),
         "at_mm": at,
-        "what": row.what,
-        "missing": row.missing,
-        "advice": row.advice,
+        **plain(row, "what missing advice"),
     }
 
 
@@ -320,7 +315,7 @@ _ORDER: Final = ("fail", "warning", "ok")
 class PreflightSummary(Summary):
     """Checks of a program before it runs."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         checks = [row | {"has": _number(row["value"], row["unit"])} for row in self["checks"]]
         looked_at = [
             row | {"limit": _number(row["limit"], row["unit"])} for row in checks if row["verdict"] != "not looked at"
@@ -331,8 +326,7 @@ class PreflightSummary(Summary):
         for row in looked_at:
             if row["advice"]:
                 yield fill("{verdict}: {check}: {advice}", row)
-        left_out = [row for row in checks if row["verdict"] == "not looked at"]
-        if left_out:
+        if left_out := [row for row in checks if row["verdict"] == "not looked at"]:
             yield "not looked at, and what it needs:"
         for row in left_out:
             here = ", ".join(text for text in (row["has"], row["what"], row["place"]) if text)

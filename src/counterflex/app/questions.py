@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,7 +11,7 @@ from counterflex.app.pose_questions import checked_joints, joint_margins, pose_m
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import ReachError
 from counterflex.core.next_command import next_command
-from counterflex.core.result import Part, ShownTable, Summary, Warned, fill
+from counterflex.core.result import Parts, ShownTable, Summary, Warned, fill
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.class_stiffness import axis_names
@@ -41,7 +40,7 @@ def load_chain(robot_or_cell: str) -> tuple[ElasticChain, Cell | None]:
 class Deflection(Summary):
     """Deflection of the tool centre point, and the elements that it comes from."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         rows = [
             {"of": what, **self[key]}
             for what, key in (("linear", "linear"), ("nonlinear", "nonlinear"), ("own weight (sag)", "gravity_sag"))
@@ -142,7 +141,7 @@ def _short_model(robot: str) -> str:
 class CellCheck(Summary):
     """Elastic chain of a cell, its compliance at the part, and what is not known of it."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         segments = [
             row | {"bends": "  ".join(f"{key} {value:g}" for key, value in row["compliance"].items()) or "rigid"}
             for row in self["segments"]
@@ -176,7 +175,7 @@ class CellCheck(Summary):
         count = len(self["warnings"])
         yield f"cell file readable, {count} warnings" if count else "cell file ok"
 
-    def _unknown(self) -> Iterator[Part]:
+    def _unknown(self) -> Parts:
         yield ShownTable.of(
             self.line("Not known, by what it leaves uncorrected {unknowns[where]}"),
             "unknown | known from | leaves mm:.2f | "

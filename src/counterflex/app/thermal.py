@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +12,7 @@ import numpy as np
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import MINUTE, RPM, UM
 from counterflex.evaluate.thermal.growth import GrowthCourse, GrowthModel, Touches, follow, micro
 from counterflex.files.touches_file import read_touches
@@ -35,7 +34,7 @@ _ADDED: Final = {2: ("walk_weights",)}
 class ThermalGrowth(Summary):
     """Growth of spindle and arm, touch by touch."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         rows = [
             row
             | {

@@ -144,6 +144,8 @@ class Warned(Said):
 
 Part = str | Warned | ShownTable
 """A line or a table that shows a result."""
+Parts = Iterator[Part]
+"""Lines and tables in the order of the prompt."""
 
 
 class Result(ABC):

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.core.result import Part, ShownTable, Summary, fill
+from counterflex.core.result import Parts, ShownTable, Summary, fill
 from counterflex.core.units import plain
 from counterflex.files.certificate.document import read_certificate
 from counterflex.files.certificate.dsi_unit import parse_unit
@@ -65,7 +64,7 @@ def write_document(
 class CertificateSummary(Summary):
     """Laboratory, date, items and quantities of a certificate."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         items = "; ".join(" ".join([one["name"], *one["identifications"]]) for one in self["items"])
         signed = "Signed; the signature was not checked." if self["signed"] else "Not signed."
         rows = []

@@ -10,7 +10,6 @@ import datetime
 import json
 import shutil
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -31,7 +30,7 @@ from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.result import Part, ShownTable, Summary, Warned, fill
+from counterflex.core.result import Parts, ShownTable, Summary, Warned, fill
 from counterflex.core.units import UM
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.band_solver import Observations
@@ -297,7 +296,7 @@ _SHOWN: Final = 6  # Explanations that the prompt lists
 class Correction(Summary):
     """Correction of the next part, and what explains it."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         values = self["correct"]
         parts = [one | {"error": "believed" if one["believed"] else "noise only"} for one in values["parts"]]
         columns = "part | measured in=source | places | noise um:g | surface 99.7 % um=surface_p997_um:g | error | "

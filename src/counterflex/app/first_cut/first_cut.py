@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import hashlib
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -13,17 +13,16 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.correction.causes import OFFSET_M
 from counterflex.app.correction.scans import PartScan
 from counterflex.app.first_cut import posterior
-from counterflex.app.first_cut.coupon import COLUMNS, coupon, shown, table
+from counterflex.app.first_cut.coupon import COLUMNS, ProposedCoupon, coupon, shown, table
 from counterflex.app.inputs import Job, faults_in, read_in_plane, setting_of
 from counterflex.app.prediction_interval import YIELD
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.result import Part, ShownTable, Summary, Warned
+from counterflex.core.result import Parts, Summary, Warned
 from counterflex.core.units import MM, MRAD, UM
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
@@ -53,18 +52,9 @@ _DETERMINED: Final = 0.999
 """Standard deviation over that before, below which the part says something of an element."""
 _FAR: Final = 5.0
 """Standard deviations beyond which a reading is named."""
-_BELIEVED: Final = 3.0
-"""Standard deviations of what was known before beyond which a constant is doubted."""
 _Reading = tuple[str, int, str, int, Float, float]
 """Line of the table, number, face, axis, place (3,) m, measured minus nominal coordinate, m."""
 _DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
-
-
-class ProposedCoupon(Summary):
-    """Coupon and what to measure on it."""
-
-    def _shown(self) -> Iterator[Part]:
-        yield ShownTable.of("To measure", "face=0 | places=1", self["faces"].items())
 
 
 def propose(
@@ -81,7 +71,7 @@ def propose(
     with atomic.atomic_folder(out) as staging:
         atomic.write_text(staging / PROGRAM, made.text)
         atomic.write_text(staging / TABLE, table(made.places))
-        summary = ProposedCoupon(shown(cell, tool, made))
+        summary = shown(cell, tool, made)
         write_folder_summary(staging, summary)
     return summary
 
@@ -328,32 +318,6 @@ def _entry(
     )
 
 
-def doubts(
-    fit: posterior.Posterior, places: posterior.MeasuredCoordinates, predicted_m: Float, cell: Cell
-) -> list[str]:
-    """Warnings about the readings themselves: axes mirrored against the prediction, constants nobody expects."""
-    out = []
-    for axis in range(3):
-        on = places.axis == axis
-        if float(places.off_m[on] @ predicted_m[on]) < 0.0:
-            out.append(
-                f"readings along {'xyz'[axis]} lie on the other side of nominal than the cell file predicts: "
-                "look at the sign and the axis of the measured part frame"
-            )
-    far = np.flatnonzero(np.abs(fit.value[-3:]) > _BELIEVED * OFFSET_M)
-    if len(far):
-        along = ", ".join(f"{'xyz'[k]} {fit.value[-3:][k] / MM:+.2f} mm" for k in far)
-        out.append(f"all readings are off by {along}: look at the part frame and the zero of the probe")
-    for name, value, variance in zip(fit.names(cell), fit.value, np.diag(fit.before), strict=False):
-        if value**2 > _BELIEVED**2 * variance:
-            out.append(
-                f"{name} is {np.exp(value):.2f} times that of the cell file, beyond {_BELIEVED:g} standard deviations "
-                f"({100.0 * np.sqrt(variance):.0f} % each) of what was known: look at the unit of the readings, tool, "
-                "material and feed"
-            )
-    return out
-
-
 def _digest(path: Path) -> str:
     """SHA-256 of a file; of a folder, of the names and contents of its files."""
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
@@ -370,7 +334,7 @@ def _rms(values: Float) -> float:
 class FirstCut(Summary):
     """Constants found by a coupon."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         yield self.rows(
             "constants",
             "Found on {places} places",
@@ -419,5 +383,5 @@ def _summary(
         "left_out_rms_um": round(_rms(unseen) / UM, 1),
         "offset_um": [round(float(v) / UM, 1) for v in fit.value[-3:]],
         "far_places": places.number[far].tolist(),
-        "warnings": doubts(fit, places, places.off_m - planned, cell),
+        "warnings": posterior.doubts(fit, places, places.off_m - planned, cell),
     }

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.files.dataset.writer import shop_factors
 from counterflex.geometry import rotation
@@ -18,7 +17,7 @@ from counterflex.identify.stiffness.frame_pulls import summary
 class DatasetSummary(Summary):
     """Channels of a dataset, their ranges and what is missing."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         before = [None, *(row["channel"] for row in self["channels"])]
         yield ShownTable.of(
             self.line("{name}: {kind}, {rows} rows in {groups} groups"),

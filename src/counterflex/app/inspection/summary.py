@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.app.inspection.tool_path import InspectedPath, path_entry
 from counterflex.core.arrays import Float
-from counterflex.core.result import Part, ShownTable, Summary, fill
+from counterflex.core.result import Parts, ShownTable, Summary, fill
 from counterflex.core.units import MM, UM, URAD, plain
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.coverage import Coverage
@@ -62,7 +62,7 @@ _FIGURES: Final = (("99.7 %", "p997_mm"), ("largest", "max_mm"), ("rms", "rms_mm
 class InspectionSummary(Summary):
     """Deviations of measured parts, or of the path of the tool, and what of them was seen."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         names, logged = list(self["parts"]), self["judged"] == "tool path"
         if logged:
             yield from self._paths()
@@ -94,7 +94,7 @@ class InspectionSummary(Summary):
             for title, key in _FIGURES
         )
 
-    def _partly_seen(self, logged: bool) -> Iterator[Part]:
+    def _partly_seen(self, logged: bool) -> Parts:
         rows = [
             area | {"feature": feature, "part": name}
             for name, part in self["parts"].items()
@@ -110,7 +110,7 @@ class InspectionSummary(Summary):
                 "What was not measured may be out of tolerance. docs/inspect.md#what-was-not-seen",
             )
 
-    def _paths(self) -> Iterator[Part]:
+    def _paths(self) -> Parts:
         parts = list(self["parts"].values())
         for part in parts:
             frame = "frame: {log[frame]}"
@@ -140,7 +140,7 @@ class InspectionSummary(Summary):
         )
 
 
-def _scan_lines(scan: dict[str, Any], pose: dict[str, Any]) -> Iterator[Part]:
+def _scan_lines(scan: dict[str, Any], pose: dict[str, Any]) -> Parts:
     placed = "taken to be in the part frame"
     if pose["datum_faces"]:
         placed = fill("placed by {datum_faces}, residual {residual_um:.1f} um, condition {condition:g}", pose)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -20,7 +20,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.result import Part, ShownTable, Summary, fill
+from counterflex.core.result import Parts, ShownTable, Summary, fill
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_with_place
@@ -266,14 +266,14 @@ def _near(place: Float, other: Float) -> bool:
 class PlacementSummary(Summary):
     """Place of the part, of the robot, or of each operation."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         axes = "".join(f"{name}={name}:g | " for name in self["external_axes"])
         if self["chosen"] is not None:
             yield from self._chosen(axes)
         if "per_operation" in self:
             yield from self._operations(axes)
 
-    def _chosen(self, axes: str) -> Iterator[Part]:
+    def _chosen(self, axes: str) -> Parts:
         rows = [
             defaultdict(lambda: None, self[name] or {"x_mm": "out of reach", "expected_um": ()}, place=name)
             for name in ("present", "posture_alone", "chosen")
@@ -296,7 +296,7 @@ class PlacementSummary(Summary):
         refused = ", ".join(f"{count} {reason}" for reason, count in self["refused"].items())
         yield f"{self['candidates']} places judged in {self['search_s']:g} s; refused: {refused or 'none'}"
 
-    def _operations(self, axes: str) -> Iterator[Part]:
+    def _operations(self, axes: str) -> Parts:
         whole = self["per_operation"]
         yield self.rows(
             "operations",

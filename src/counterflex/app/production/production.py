@@ -10,7 +10,7 @@ import datetime
 import hashlib
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,7 +27,7 @@ from counterflex.core import atomic, file_content, held as file_lock
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import MM, N_PER_MM, plain
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
@@ -162,7 +162,7 @@ _WEAR_WORDS = {
 class ProductionResult(Summary):
     """Constants of tool and material, and the runs with the factor of each."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         figures = [one | {"unit": unit_of_name(one["name"])} for one in (*self["headline"], *self["figures"])]
         title = self.line("Production with T{tool} in {material}: {cell}")
         yield ShownTable.of(title, "figure=text | found=value:D4 | stated=nominal:D4 | unit", figures)

@@ -7,8 +7,7 @@ each (``drawn_part``) -> features (``probability``) -> remedies (``remedies``).
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,7 +26,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.result import Part, Summary
+from counterflex.core.result import Parts, Summary
 from counterflex.core.units import MM, plain
 from counterflex.evaluate.inspection.cad_rows import CadFeatures
 from counterflex.evaluate.inspection.mesh_shape import CadSolid
@@ -42,27 +41,6 @@ from counterflex.report.figure_data import numbers
 from counterflex.report.page import render
 
 _SPAN = 3.0  # Deviations are shown up to this many tolerances; what is further off counts at the ends
-
-
-@dataclass(frozen=True, eq=False)
-class QuoteData:
-    """Everything on the page."""
-
-    summary: Mapping[str, Any]
-    off_mm: Sequence[Float]  # Of each feature, (draws,) mm
-
-    def page(self) -> str:
-        """The page, as HTML text."""
-        summary = self.summary
-        whole = summary["all_hold"]
-        low, high = (100.0 * value for value in whole["probability_90"])
-        verdict = (
-            f"All tolerances that are looked at hold with a probability of {100.0 * whole['probability']:.0f} % "
-            f"({low:.0f} to {high:.0f} % by {summary['draws']} drawn cells)."
-        )
-        head = Head(f"Quotation: {summary['part']}", f"{summary['program']} on {summary['cell']}, {summary['robot']}")
-        figures = {"off": _figure(summary["features"], self.off_mm)}
-        return render("quote.html.j2", figures, [], data=head, summary=summary, verdict=verdict)
 
 
 def _figure(features: Sequence[Mapping[str, Any]], off_mm: Sequence[Float]) -> dict[str, Any]:
@@ -116,7 +94,7 @@ WORK: Final = {READING: 1.0, PLANNING: 3.0, DRAWING: 4.0, COMPARING: 12.0}
 class Quotation(Summary):
     """Quotation of a part."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         yield self.rows(
             "features",
             "{part}: {program} on {cell}",
@@ -134,6 +112,18 @@ class Quotation(Summary):
         yield from self.each("remedies_not_looked_at", "  {remedy}: {why}")
         yield from self.each("not_looked_at", "  {what}: {why}")
         yield self.line("  {causes_not_looked_at}")
+
+    def page(self, off_mm: Sequence[Float]) -> str:
+        """The page, as HTML text; ``off_mm``: of each feature, (draws,) mm."""
+        whole = self["all_hold"]
+        low, high = (100.0 * value for value in whole["probability_90"])
+        verdict = (
+            f"All tolerances that are looked at hold with a probability of {100.0 * whole['probability']:.0f} % "
+            f"({low:.0f} to {high:.0f} % by {self['draws']} drawn cells)."
+        )
+        head = Head(f"Quotation: {self['part']}", f"{self['program']} on {self['cell']}, {self['robot']}")
+        figures = {"off": _figure(self["features"], off_mm)}
+        return render("quote.html.j2", figures, [], data=head, summary=self, verdict=verdict)
 
 
 def quote(
@@ -243,7 +233,7 @@ def run(
         quoted, summary = quote(part, program, cell, progress=progress, **options)
         summary |= {"inputs": inputs}
         write_folder_summary(staging, summary)
-        write_page(QuoteData(summary, [one.off_m / MM for one in quoted.features]).page(), staging / REPORT)
+        write_page(summary.page([one.off_m / MM for one in quoted.features]), staging / REPORT)
     return summary
 
 

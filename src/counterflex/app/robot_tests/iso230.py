@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +17,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
-from counterflex.core.result import Part, Summary
+from counterflex.core.result import Parts, Summary
 from counterflex.core.units import MM, MS, UM
 from counterflex.evaluate.iso230.circular_test import (
     CLOCKWISE,
@@ -40,7 +40,7 @@ _NEARER: Final = (0.3, 0.1, 0.05, 0.05)
 class CircularTest(Summary):
     """Turns of a circular test, and pairs of both directions."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         names = ["G_um", "G_lsc_um", "F_max_um", "F_min_um", "F_nominal_max_um", "F_nominal_min_um", "axial_um"]
         names = [name for name in names if any(row.get(name) is not None for row in self["turns"])]
         figures = "".join(f"{name.removesuffix('_um').replace('_', ' ')}={name}?:.1f | " for name in names)
@@ -55,7 +55,7 @@ class CircularTest(Summary):
 class StraightnessTest(Summary):
     """Straightness of the stretches of a path."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         names = ("horizontal", "horizontal_ls", "vertical", "vertical_ls", "cylinder", "cylinder_ls")
         figures = "".join(f" | {name.replace('_', ' ')}={name}_um:.1f" for name in names)
         title = "Straightness, um: minimum zone and least squares (ls)"

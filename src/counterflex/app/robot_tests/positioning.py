@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +11,7 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.core import atomic
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.iso230.positioning import Positioning, TargetFigures
 from counterflex.files.positioning_file import read_approaches
@@ -38,7 +37,7 @@ FIGURES: Final = {
 class PositioningTest(Summary):
     """Positioning of one axis."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         figures = self["figures"]
         rows = [(letter, *(figures.get(f"{letter}{way}_um") for way in ("", "_up", "_down"))) for letter in "AREMB"]
         yield ShownTable.of(

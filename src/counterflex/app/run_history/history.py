@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,7 +11,7 @@ from counterflex.app.run_history.logged_run import read_runs
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.progress import Progress, silent
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import plain
 from counterflex.evaluate.run_curves import trend
 from counterflex.files.summary_file import write_summary
@@ -43,7 +43,7 @@ _COLUMNS: Final = (
 class RunHistory(Summary):
     """Runs below a folder, and trends over those of the same program."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         rows = [
             row
             | {

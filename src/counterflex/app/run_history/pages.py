@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,7 +9,7 @@ from counterflex import __version__
 from counterflex.app.run_history.logged_run import RunOfHistory
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.files.summary_file import write_summary
 from counterflex.report.page import write_page
 from counterflex.report.run_history.page import ShownRun, runs_page
@@ -41,7 +40,7 @@ def flat(row: dict[str, Any]) -> dict[str, float | None]:
     return {name: (rest | row)[name] for name in COMPARED}
 
 
-def page(folder: Path, out: Path, number: int | None = None) -> RunPage:
+def page(folder: Path, out: Path, number: int | None = None) -> LoggedRunSummary:
     """Open a log again: one run as a page.
 
     Args:
@@ -57,13 +56,13 @@ def page(folder: Path, out: Path, number: int | None = None) -> RunPage:
         "counterflex": __version__,
     }
     _write(out, summary, [run], [])
-    return RunPage(summary)
+    return LoggedRunSummary(summary)
 
 
-class RunPage(Summary):
+class LoggedRunSummary(Summary):
     """A run of a log."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         rows = [(COMPARED[name], value) for name, value in flat(self).items()]
         yield ShownTable.of(f"Run {self['run']}", "figure=0 | value=1:g~-", rows)
 
@@ -71,7 +70,7 @@ class RunPage(Summary):
 class ComparedRuns(Summary):
     """Two runs beside each other."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         yield ShownTable.of(
             "Two runs",
             "figure=title | first:g~- | second:g~- | difference:+g~-",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +14,7 @@ from counterflex.app.robot_programs import with_files
 from counterflex.app.strategy.advice import Advice, WallOperation, advise
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import MM, MM_PER_MIN, RPM, UM, UM_PER_KN
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell, read_cell
@@ -28,7 +27,7 @@ from counterflex.report.glossary import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, ex
 class RankedWays(Summary):
     """Ways to finish a wall, the best first."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         listed = [(str(i + 1), row) for i, row in enumerate(self["choices"])]
         if self["before"] is not None:
             listed.insert(0, ("before", self["before"]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ModelError, ProgramError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
@@ -52,7 +52,7 @@ class Bent:
 class SoftEntries(Summary):
     """Entries and exits of a program, before and after."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         rows = [row | {"at": line_of(row, bare=True)} for row in self["entries"]]
         pairs = (("peak force N", "peak_force_n", ".0f"), ("force step N/ms", "force_step_n_per_ms", ".2f"))
         columns = "line=at | entry=kind | move={move}{kept:kept: %s}" + "".join(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +15,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.result import Part, ShownTable, Summary
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import DEG, MM, MM_PER_MIN, plain
 from counterflex.cutting.force import zero_normal_force_immersion
 from counterflex.files.cell.cell import Cell, read_cell
@@ -223,7 +222,7 @@ def _loop_lines(
 class TrochoidSummary(Summary):
     """Loops in place of slots."""
 
-    def _shown(self) -> Iterator[Part]:
+    def _shown(self) -> Parts:
         rows = [
             ("slots in lines", ", ".join(map(str, self.get("places", self["lines"]))), ""),
             ("loops", "radius {radius_mm:g} mm", "step {step_mm:g} mm"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,7 +22,7 @@ from counterflex.cli.output import (
     say_written,
     warn,
 )
-from counterflex.core.result import Part, ShownTable, fill
+from counterflex.core.result import Parts, ShownTable, fill
 from counterflex.core.units import UM
 from counterflex.programs.language import BY_ENDING, at_prompt, dialects
 from counterflex.report.glossary import MODEL, line_of
@@ -241,7 +241,7 @@ def compensate(
                 print_part(part)
 
 
-def _feed_parts(lowered: dict[str, Any]) -> Iterator[Part]:
+def _feed_parts(lowered: dict[str, Any]) -> Parts:
     if lowered["lines"]:
         yield ShownTable.of(
             f"Feed for tolerance, error by the {MODEL}",
@@ -255,7 +255,7 @@ def _feed_parts(lowered: dict[str, Any]) -> Iterator[Part]:
     )
 
 
-def _limit_parts(limited: dict[str, Any]) -> Iterator[Part]:
+def _limit_parts(limited: dict[str, Any]) -> Parts:
     if limited["lines"]:
         yield ShownTable.of(
             "Feed within limits",

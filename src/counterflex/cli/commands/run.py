@@ -144,7 +144,7 @@ def _warn(line: str) -> None:
 
 def _show(summary: dict[str, Any], out: Path) -> None:
     """Print what a run was, for people."""
-    from counterflex.app.run.log import process_parts
+    from counterflex.app.run.log_summary import process_parts
     from counterflex.protocols.session.comparison import summary_lines
 
     print_table(

@@ -11,11 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import (
-    keep_inputs,
-    print_summary,
-    progress_bar,
-)
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 
 
 @with_records

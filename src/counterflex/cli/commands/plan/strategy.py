@@ -10,11 +10,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import AssumeClass, CellFile, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import (
-    keep_inputs,
-    print_summary,
-    progress_bar,
-)
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 from counterflex.core.units import DEG, MM, PERCENT, RPM
 
 if TYPE_CHECKING:
