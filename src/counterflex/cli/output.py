@@ -7,7 +7,7 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -40,14 +40,6 @@ def host_port(text: str | None) -> tuple[str, int] | None:
 def print_json(data: Any) -> None:
     """Print data as JSON on standard output."""
     print(json.dumps(data, indent=2, allow_nan=False))
-
-
-def print_result(result: Any, as_json: bool, show: Callable[..., None], *of: Any) -> None:
-    """Print a result as JSON, or as ``show`` prints it, with what else it needs."""
-    if as_json:
-        print_json(result)
-    else:
-        show(result, *of)
 
 
 def print_part(part: Part) -> None:
