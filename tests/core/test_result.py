@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import given, strategies as st
 
-from counterflex.core.result import Lines, Part, Said, ShownTable, Summary, fill
+from counterflex.core.result import Lines, Part, PlainLine, ShownTable, Summary, fill
 from counterflex.core.units import DEG, MM, MM_PER_MIN, UM, plain
 
 
@@ -71,7 +71,7 @@ def test_conversions() -> None:
 
 
 def test_lines_are_templates_and_what_is_said_is_not() -> None:
-    parts = list(Lines({"n": 2}, "{n} rows", Said("{n} braces")).parts())
+    parts = list(Lines({"n": 2}, "{n} rows", PlainLine("{n} braces")).parts())
     assert parts == ["2 rows", "{n} braces"]
 
 

@@ -134,11 +134,11 @@ def _column(declared: str) -> tuple[str, str, str]:
     return heading, template if "{" in template else f"{{{template}}}", missing
 
 
-class Said(str):
+class PlainLine(str):
     """A line as it is, braces and all."""
 
 
-class Warned(Said):
+class Warned(PlainLine):
     """A line that warns."""
 
 

@@ -95,12 +95,12 @@ def _several(values: list[float]) -> str:
 def described(file: Path) -> CertificateSummary:
     """Laboratory, date, items and quantities of a certificate."""
     certificate = read_certificate(file)
-    found = {
+    answer = {
         **plain(certificate, "number laboratory date schema=version signed"),
         "items": [{"name": item.name, "identifications": list(item.identifications)} for item in certificate.items],
         "quantities": [_row(quantity, certificate.file) for quantity in certificate.quantities],
     }
-    return CertificateSummary(found)
+    return CertificateSummary(answer)
 
 
 def _row(quantity: Quantity, where: str) -> dict[str, Any]:

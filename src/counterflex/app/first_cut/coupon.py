@@ -216,5 +216,5 @@ def shown(cell: Cell, tool: int, coupon: Coupon) -> ProposedCoupon:
     faces: dict[str, int] = {}
     for one in coupon.places:
         faces[one.face] = faces.get(one.face, 0) + 1
-    found = {"job": "firstcut", "cell": cell.name, "tool": tool, "places": len(coupon.places), "faces": faces}
-    return ProposedCoupon(found)
+    answer = {"job": "firstcut", "cell": cell.name, "tool": tool, "places": len(coupon.places), "faces": faces}
+    return ProposedCoupon(answer)

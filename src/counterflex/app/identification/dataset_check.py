@@ -69,7 +69,7 @@ def described(path: str | Path) -> DatasetSummary:
                     "sigma": "" if spread is None else _range(float(np.min(spread)), float(np.max(spread))),
                 }
             )
-    found = {
+    answer = {
         "name": data.name,
         "kind": data.kind,
         "rows": len(data),
@@ -82,7 +82,7 @@ def described(path: str | Path) -> DatasetSummary:
         "frame": summary(data),
         "without_sigma": [name for name, c in data.channels.items() if c.sigma is None],
     }
-    return DatasetSummary(found)
+    return DatasetSummary(answer)
 
 
 def _range(low: float, high: float) -> str:

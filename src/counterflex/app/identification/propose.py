@@ -52,7 +52,7 @@ def run(
         unit, factor = shop(proposal.units.get(key, "SI"))
         rows.append({"name": key, "unit": unit, "sigma": float(f"{sigma / factor:.6g}")})
     form = list(form_names(proposal.recipe)) if proposal.kind in CHANNELS_OF else []
-    found = {
+    answer = {
         "recipe": proposal.recipe,
         "kind": proposal.kind,
         "rows": len(next(iter(proposal.columns.values()))),
@@ -60,7 +60,7 @@ def run(
         "remarks": list(proposal.remarks),
         "files": [ROWS, PROPOSAL, *proposal.files, *form],
     }
-    return ProposalSummary(found)
+    return ProposalSummary(answer)
 
 
 def _write(name: str, count: int, cell: Path, out: Path, settings: Mapping[str, Setting], seed: int) -> Proposal:

@@ -79,7 +79,7 @@ def show(folder: str | Path, *, brief: bool = False) -> LogSummary:
     for number, lost in missing.end(folder).at_end.items():
         runs[number].end(lost)
     incidents = numbered(finders)
-    found = {
+    answer = {
         "segments": names,
         **missing.shown(),
         "incomplete": missing.incomplete,
@@ -99,7 +99,7 @@ def show(folder: str | Path, *, brief: bool = False) -> LogSummary:
         ],
         "counterflex": __version__,
     }
-    return LogSummary(folder, found)
+    return LogSummary(folder, answer)
 
 
 def _action(facts: dict[str, Any], begin_ns: int | None) -> dict[str, Any]:

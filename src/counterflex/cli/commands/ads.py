@@ -11,7 +11,7 @@ from counterflex.cli.arguments import MOST_RECORDS, address, argument, option
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.output import print_json, print_summary, print_table
-from counterflex.core.result import Lines, Said, ShownTable
+from counterflex.core.result import Lines, PlainLine, ShownTable
 
 ads = typer.Typer(no_args_is_help=True, help="A TwinCAT (Beckhoff ADS): check the connection, read, write, forward.")
 
@@ -62,7 +62,7 @@ def write(
     from counterflex.app.plc import PLCS
 
     result = PLCS["ads"].write(cell, name, value)
-    print_summary(Lines(result, Said(f"{name}: {result['before']} before, {result['after']} now")), as_json)
+    print_summary(Lines(result, PlainLine(f"{name}: {result['before']} before, {result['after']} now")), as_json)
 
 
 def forward(

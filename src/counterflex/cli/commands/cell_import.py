@@ -8,7 +8,7 @@ from typing import Annotated
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.output import print_summary
-from counterflex.core.result import Lines, Part, Said, ShownTable
+from counterflex.core.result import Lines, Part, PlainLine, ShownTable
 from counterflex.core.units import DEG, MM
 
 
@@ -55,7 +55,7 @@ def cell_import(
         files, out, robot, tool=tool, base=base, poses=poses, tolerance_m=tolerance_mm * MM,
         tolerance_rad=tolerance_deg * DEG,
     )  # fmt: skip
-    parts: list[Part] = [Said(f"note: {note}") for note in answer["notes"]]
+    parts: list[Part] = [PlainLine(f"note: {note}") for note in answer["notes"]]
     if answer["poses"]:
         columns = "tool=0 | base=1 | poses=2 | rms mm=3 | largest mm=4 | largest deg=5 | in line=6"
         rows = [tuple(map(str, row.values())) for row in answer["poses"]]

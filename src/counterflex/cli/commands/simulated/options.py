@@ -9,7 +9,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.core.result import Said
+from counterflex.core.result import PlainLine
 
 Fault = Annotated[
     list[str] | None,
@@ -27,16 +27,16 @@ RecordFile = Annotated[
 ]
 
 
-def refused_lines(summary: dict[str, Any]) -> list[Said]:
+def refused_lines(summary: dict[str, Any]) -> list[PlainLine]:
     """Answers that were refused, by cause."""
     counts = ", ".join(f"{why} {count}" for why, count in summary["refused"].items())
-    return [Said(f"refused: {counts}")] if counts else []
+    return [PlainLine(f"refused: {counts}")] if counts else []
 
 
-def reply_lines(summary: dict[str, Any]) -> list[Said]:
+def reply_lines(summary: dict[str, Any]) -> list[PlainLine]:
     """Times of reply."""
     times = ", ".join(f"{name} {value:g} us" for name, value in (summary["reply_us"] or {}).items())
-    return [Said(f"reply: {times}")] if times else []
+    return [PlainLine(f"reply: {times}")] if times else []
 
 
 def print_start(_: tuple[str, int], where: tuple[str, int]) -> None:

@@ -14,7 +14,7 @@ from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.output import keep_inputs, print_summary
 from counterflex.core.errors import CounterflexError, InputError
-from counterflex.core.result import Lines, Said
+from counterflex.core.result import Lines, PlainLine
 from counterflex.core.similar import twice
 
 dcc = typer.Typer(
@@ -135,11 +135,11 @@ def apply(
         certificate, [pair_of(text) for text in keys], out, cell=cell, dataset=dataset, channel=channel
     )
     lines = [
-        Said(f"{row['key']} from {row['quantity']}: {row['sigma'] or 'no uncertainty stated'}")
+        PlainLine(f"{row['key']} from {row['quantity']}: {row['sigma'] or 'no uncertainty stated'}")
         for row in answer["written"]
     ]
     if answer["signed"]:
-        lines.append(Said("note: the signature of the certificate was not checked"))
+        lines.append(PlainLine("note: the signature of the certificate was not checked"))
     print_summary(Lines(answer, *lines), as_json, out, ": {certificate}")
 
 
