@@ -16,10 +16,10 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import counterflex as cf
-from counterflex.api.result import Result
 from counterflex.app.proof import evaluate, prove, simulate
 from counterflex.app.proof.truth import make_truth
 from counterflex.core.errors import InputError
+from counterflex.core.result import Result
 from counterflex.files.cell.cell import read_cell
 from counterflex.twin.truth.family import family_of
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from counterflex.app.posture import PostureOf
-from counterflex.cli.output import expected_text
 from counterflex.files.cell.cell import read_cell
+from counterflex.report.glossary import expected_text
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

@@ -12,7 +12,7 @@ import pytest
 
 import counterflex.cli
 from counterflex.cli.main import parsed
-from counterflex.cli.output import EXPECTED_UM, MODEL, MODEL_UM
+from counterflex.report.glossary import EXPECTED_UM, MODEL, MODEL_UM
 
 CELL: Final = Path(__file__).parents[1] / "data" / "cells" / "small.toml"
 PROGRAM: Final = "G21 G90 G17\nT1 M6\nM3 S13000\nG0 X-12 Y15 Z45\nG1 Z36 F3000\nG1 X72 F1500\nG0 Z45\nM2\n"

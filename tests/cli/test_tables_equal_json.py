@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from counterflex.cli.commands.log import INCOMPLETE, show_process
-from counterflex.cli.output import expected_text, keep_folders, keep_inputs
+from counterflex.app.questions import CellCheck
+from counterflex.app.run.log_summary import LogSummary, process_parts
+from counterflex.cli.commands.log import INCOMPLETE
+from counterflex.cli.output import keep_folders, keep_inputs
 from counterflex.core.errors import InputError
+from counterflex.report.glossary import expected_text
 
 ROBOT = "kuka_kr300_r2500_ultra"
 JOINTS = "5,-95,110,20,-35,40"
@@ -92,9 +95,10 @@ def test_the_table_of_changes(counterflex: Any, tmp_path: Path, by: str) -> None
 
 
 @pytest.mark.parametrize(("share", "least"), [(0.031, 0.62), (0.5, 0.4)])
-def test_slowed_cycles_are_shown_in_per_cent(capsys: pytest.CaptureFixture[str], share: float, least: float) -> None:
-    show_process({"events": [], "event_counts": {}, "wear": None, "slowed_share": share, "least_speed": least})
-    assert f"slowed in {100 * share:.1f} % of the cycles, down to {100 * least:.0f} %" in capsys.readouterr().out
+def test_slowed_cycles_are_shown_in_per_cent(share: float, least: float) -> None:
+    found = {"events": [], "event_counts": {}, "wear": None, "slowed_share": share, "least_speed": least}
+    (line,) = process_parts(found)
+    assert f"slowed in {100 * share:.1f} % of the cycles, down to {100 * least:.0f} %" in str(line)
 
 
 @pytest.mark.parametrize("incomplete", [True, False])
@@ -112,7 +116,7 @@ def test_a_log_with_something_missing_ends_otherwise_than_a_whole_one(
         "damage": [],
         "unread": [],
     }
-    monkeypatch.setattr("counterflex.app.run.log.show", lambda *_, **__: answer)
+    monkeypatch.setattr("counterflex.app.run.log.show", lambda *_, **__: LogSummary("log", answer))
     ended = counterflex("log", "show", str(tmp_path), *words)
     assert ended.status == (INCOMPLETE if incomplete else 0)
     assert ("a line" in ended.out) == (not words)
@@ -148,7 +152,7 @@ def test_the_tables_of_a_log_hold_each_figure_in_its_column(
     """Of long lists the first twenty are shown, and what is left out is counted from the whole."""
     answer = {"incomplete": False, "runs": [logged_run(changes, incidents, actions)], "segments": [1, 2], "lines": [],
               "cut": [], "damage": [], "unread": []}  # fmt: skip
-    monkeypatch.setattr("counterflex.app.run.log.show", lambda *_, **__: answer)
+    monkeypatch.setattr("counterflex.app.run.log.show", lambda *_, **__: LogSummary("log", answer))
     out = counterflex("log", "show", str(tmp_path)).out
     rows = [[cell.strip() for cell in line.split("│")] for line in out.splitlines()]
     for row in (
@@ -213,7 +217,7 @@ def test_values_of_an_identification_are_counted_by_what_saw_them(
         "cell": "x", "mass_kg": 1.0, "segments": [], "at_corner": None, "identified": entries, "unknowns": None,
         "assumptions": [], "warnings": [],
     }  # fmt: skip
-    monkeypatch.setattr("counterflex.app.questions.check_cell", lambda *_: answer)
+    monkeypatch.setattr("counterflex.app.questions.check_cell", lambda *_: CellCheck(answer))
     (tmp_path / "cell.toml").write_text("")
     lines = counterflex("cell", "check", str(tmp_path / "cell.toml")).out.splitlines()
     assert [row_of(lines, name)[-2:] for name in ("some", "none", "all")] == [["6", "3"], ["6", "0"], ["0", "3"]]

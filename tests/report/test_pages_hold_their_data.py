@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from counterflex.app.placement.placement_map import MapData, map_figure
+from counterflex.app.placement.placement_map import PlacementMap, map_figure
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.error_budget import REMAINDER, BudgetLine
@@ -132,7 +132,7 @@ def test_the_best_place_is_named_with_the_present_one(present_um: float | None) 
     summary = {"program": "p", "cell": "c", "robot": "r", "refused": 7, "places": 40,
                "best": {"level": best, "upright": None},
                "present": {"x_mm": 0.0, "y_mm": 0.0, "z_mm": 0.0, "deflection_um": present_um}}  # fmt: skip
-    text = re.sub(r"\s+", " ", MapData(summary, [row]).page())
+    text = re.sub(r"\s+", " ", PlacementMap(summary).page([row]))
     told = "." if present_um is None else "; 250 um in the present place."
     assert f"Least deflection by the model at this height: 110 um at x 1500, y -300 mm{told}" in text
     assert "refused (7 of 40 places)" in text

@@ -25,20 +25,19 @@ from counterflex.evaluate.path_deviation import PathFigures, path_deviation
 from counterflex.evaluate.summary import SeedResult, Variant, summary, table_rows
 from counterflex.evaluate.surface import SurfaceDeviation, nominal_surface
 from counterflex.path import FEED, RAPID, ToolPath
-from counterflex.report import (
+from counterflex.report.data import (
+    CellDrawing,
     ErrorCurve,
     Fact,
+    Headline,
     PredictionData,
     ReportData,
     ReportedDifference,
     VariantData,
-    prediction_page,
-    report_page,
-    write_page,
 )
-from counterflex.report.data import CellDrawing, Headline
 from counterflex.report.distribution_figure import area_shares
 from counterflex.report.figure_data import edges_mm, scale_limit_mm
+from counterflex.report.page import prediction_page, report_page, write_page
 
 CUTTER = Cutter(diameter_m=16e-3, flutes=3)
 FEED_M_S = 0.025

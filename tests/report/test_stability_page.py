@@ -6,7 +6,7 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-from counterflex.app.stability import lobe_figure, margin_figure
+from counterflex.report.series_figure import lobe_figure, margin_figure
 
 WORST = {"line": 12, "axial_depth_mm": 6.0, "spindle_rpm": 13000.0}
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from counterflex.api.result import Figure, Result
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_float
+from counterflex.core.result import Figure, Result
 from counterflex.core.units import DEG, MM, N_PER_MM, UM, UM_PER_KN, URAD_PER_KNM
 from counterflex.files.cell import cell as cell_file
 from counterflex.path.toolpath import tool_orientation, tool_poses

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from counterflex.api.cell import Cell, file_of, read_cell
-from counterflex.api.result import Result
 from counterflex.app.identification import identify as job, propose as proposing
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Result
 from counterflex.files.dataset.units import factor
 from counterflex.files.dataset.writer import write_dataset
 from counterflex.files.identification_file import read_identification

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from counterflex.api.cell import Cell, model_of
-from counterflex.api.result import Figure, Result
 from counterflex.app import cell_modes
 from counterflex.app.pose_questions import checked_joints
 from counterflex.core.errors import InputError
+from counterflex.core.result import Figure, Result
 from counterflex.core.units import UM
 from counterflex.plan.elastic_motion import matrices
 from counterflex.plan.modes import frequency_response

@@ -12,13 +12,13 @@ import polars as pl
 
 from counterflex.api.cell import Cell, file_of
 from counterflex.api.program import Program, program_file
-from counterflex.api.result import Figure, Result
 from counterflex.app.inputs import Reading, read_job
 from counterflex.app.proof import simulate as cell_twin
 from counterflex.app.proof.judge import JudgedRun, ProofReference, judge, reference_of
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Figure, Result
 from counterflex.core.units import MM
 from counterflex.evaluate.summary import SeedResult, summary
 from counterflex.files.summary_file import write_folder_summary

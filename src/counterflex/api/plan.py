@@ -9,12 +9,12 @@ import numpy as np
 
 from counterflex.api.cell import Cell, model_of
 from counterflex.api.program import Program, program_file, reading_of
-from counterflex.api.result import Figure, Result
 from counterflex.app.compensation import compensate as job
 from counterflex.app.compensation.headline import error_rows
 from counterflex.app.compensation.prediction import prediction
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Figure, Result
 from counterflex.core.units import UM
 from counterflex.files.plan_file import plan_table
 from counterflex.robot.model.opw import BRANCHES

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from counterflex.api.cell import Cell, file_of
-from counterflex.api.result import Figure, Result
 from counterflex.app.inputs import AS_IT_IS, Reading
 from counterflex.app.robot_programs import companions
 from counterflex.app.written_out import listed
 from counterflex.core import atomic, file_content
+from counterflex.core.result import Figure, Result
 from counterflex.programs import program as programs
 from counterflex.programs.listing import Orientations, listing
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from counterflex.api.result import Figure, Result
 from counterflex.app.run_history import pages
 from counterflex.app.run_history.logged_run import RunOfHistory
+from counterflex.core.result import Figure, Result
 from counterflex.core.units import MM, NS, UM
 
 if TYPE_CHECKING:

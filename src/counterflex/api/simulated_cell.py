@@ -13,7 +13,6 @@ from counterflex.api.cell import Cell, file_of, model_of
 from counterflex.api.part import Part
 from counterflex.api.plan import Plan
 from counterflex.api.program import Program, program_file, reading_of
-from counterflex.api.result import Result
 from counterflex.app.campaign import laboratory
 from counterflex.app.campaign.parameter_errors import true_edge_force
 from counterflex.app.inputs import in_working_plane, read_job
@@ -21,6 +20,7 @@ from counterflex.app.proof import simulate as job
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Result
 from counterflex.core.units import N_PER_MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.twin.truth import truth as truths
 from counterflex.twin.truth.family import family_of

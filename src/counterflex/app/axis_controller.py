@@ -14,7 +14,7 @@ from counterflex.app.lowest_mode import lowest_mode, posture_at_blank, swinging_
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, ModelError
-from counterflex.core.units import DEG, MS, URAD
+from counterflex.core.units import DEG, MS, plain
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.document import move_paths, new_table, parsed, table_of
 from counterflex.files.cell.online import OnlineTable
@@ -200,13 +200,7 @@ def write(cell: Cell, axes: tuple[TunedAxis, ...], target: Path) -> None:
 
 
 def _keys(gains: AxisGains) -> dict[str, float]:
-    values = {
-        "proportional": gains.proportional,
-        "integral_per_s": gains.integral_per_s,
-        "derivative_ms": gains.derivative_s / MS,
-        "filter_ms": gains.filter_s / MS,
-        "most_urad": gains.most_rad / URAD,
-    }
+    values = plain(gains, "proportional integral_per_s derivative_ms filter_ms most_urad")
     return {key: float(f"{value:.{_DIGITS}g}") for key, value in values.items()}
 
 

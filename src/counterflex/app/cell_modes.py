@@ -17,6 +17,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Parts, ShownTable, Summary, fill
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
@@ -36,6 +37,41 @@ _WORTH: Final = 0.05  # Share of the energy from which one is named
 COUNT: Final = 6
 
 
+class ModesSummary(Summary):
+    """Modes, and a tap test beside them."""
+
+    def _shown(self) -> Parts:
+        rows = [
+            row | {"bend": ", ".join(fill("{name} {share!p:.0f} %", one) for one in row["springs"])}
+            for row in self["modes"]
+        ]
+        yield ShownTable.of(
+            self.line("Modes of {cell} at {joints_deg:g} deg"),
+            "Hz=hz:.2f | 90 % of cells={of_90_percent_hz[0]:.1f} to {of_90_percent_hz[1]:.1f} | "
+            "damping=damping_ratio:.3f | tip moves along (base)=tip_direction:+.2f | "
+            "of compliance={share_of_compliance!p:.0f} % | springs (strain energy)=bend",
+            rows,
+            self.line("{masses}; drives: {drives}; damping: {damping}"),
+        )
+        if self["with_drives"]:
+            yield f"with the drives on: {_listed(self['with_drives'], 2)}"
+        if tap := self.get("tap_test"):
+            body = [one | {"of_data": "yes" if one["seen"] else "no: as stated"} for one in tap["masses"]]
+            yield ShownTable.of(
+                fill("Tap test {file}, {rows} rows up to {up_to_hz:g} Hz", tap),
+                "body | stated kg:.1f | fitted kg:.1f | sigma={sigma_percent:.0f} % | seen by the data=of_data",
+                body,
+                f"all stiffnesses times {tap['stiffness_factor']:.3f}; FRAC {tap['frac_before']:.3f} before, "
+                f"{tap['frac_after']:.3f} after",
+            )
+            yield f"modes before: {_listed(tap['modes_before'], 3)}"
+            yield f"modes after:  {_listed(tap['modes_after'], 3)}"
+
+
+def _listed(modes_: list[dict[str, float]], digits: int) -> str:
+    return ", ".join(f"{mode['hz']:.2f} Hz ({mode['damping_ratio']:.{digits}f})" for mode in modes_)
+
+
 @dataclass(frozen=True, eq=False)
 class PostureModes:
     """The modes of a cell in a posture."""
@@ -49,7 +85,7 @@ class PostureModes:
     damping_s: float  # beta of the damping beta K
     spread: ModelSpread  # How well masses and stiffnesses are known
     driven: tuple[Mode, ...]  # Modes with the drives on, where loop gains are known
-    summary: dict[str, Any]
+    summary: ModesSummary
 
     @classmethod
     def of(cls, cell: Cell, q: Float | None = None, *, count: int = COUNT) -> PostureModes:
@@ -95,7 +131,7 @@ class PostureModes:
             "seconds": round(time.perf_counter() - begin, 3),
             "counterflex": __version__,
         }
-        return cls(cell, angles, chain, free, tip, intervals, beta, swinging.spread, driven, summary)
+        return cls(cell, angles, chain, free, tip, intervals, beta, swinging.spread, driven, ModesSummary(summary))
 
 
 def _row(
@@ -201,7 +237,7 @@ def run(
     tap_test: str | Path | None = None,
     up_to_hz: float | None = None,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> ModesSummary:
     """The modes of a cell; with ``out``, write ``summary.json`` and ``report.html`` there.
 
     Args:

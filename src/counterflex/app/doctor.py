@@ -23,6 +23,7 @@ from counterflex.app.run.log import micro
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.units import plain
 from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, Judgement, LoopSamples, Percentiles, TimingVerdict, judge
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.machine_file import StoredVerdict, against, machine_file, read_verdict, write_verdict
@@ -75,12 +76,7 @@ class Checkup:
             "host": platform.node(),
             "kernel": platform.release(),
             "realtime_kernel": self.machine.realtime_kernel,
-            "cores": samples.cores,
-            "governor": samples.governor,
-            "clock_source": samples.clock_source,
-            "steal": round(samples.steal, 4),
-            "fifo": samples.fifo,
-            "locked": samples.locked,
+            **plain(samples, "cores governor clock_source steal:4 fifo locked"),
             "refused": list(self.granted.reasons),
             "shared_memory": samples.ring_fits,
             "counterflex": __version__,

@@ -15,6 +15,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Parts, ShownTable, Summary, fill
 from counterflex.core.units import KN, MICRO, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.holder_file import holder_data, read_holder
@@ -34,6 +35,8 @@ from counterflex.sensing.holder_design.places import (
     without_ribs,
 )
 from counterflex.sensing.strain_holder import printed_condition
+
+_SETTLED: Final = 5.0  # Change of a strain from half as many bricks above which more are advised, %
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,52 @@ PAPER_UM_PER_KN: Final = ((125.0, 137.0, 34.0), (137.0, 168.0, 48.0))
 CHOSEN: Final = "holder.toml"
 
 
+class HolderDesign(Summary):
+    """Stiffness lost and signal gained by the pockets of a holder."""
+
+    def _shown(self) -> Parts:
+        rows = [
+            [name.replace("_", " "), *(f"{v:.2f}" for v in row)] for name, row in self["compliance_um_per_kn"].items()
+        ]
+        rows += [
+            [what, *(f"{v:.1f}" for v in self[key])]
+            for what, key in (
+                ("stiffness lost, %", "lost_stiffness_percent"), ("Denkena2015, lost, %", "denkena2015_lost_percent")
+            )
+        ]  # fmt: skip
+        yield ShownTable(f"Compliance at the tool tip of {self['holder']}, um/kN", ["", "x", "y", "z"], rows)
+        yield self.rows(
+            "bridges",
+            "Bridges: strain by a force at the tool tip, um/m per kN",
+            "cheek | face | y mm:g | z mm:g | x=strain_um_m_per_kn[0]:.2f | y=strain_um_m_per_kn[1]:.2f | "
+            "z=strain_um_m_per_kn[2]:.2f | gain:.2f | rib=rib_gain:.2f",
+        )
+        if self["condition_of_m"] is not None:
+            yield self.line(
+                "condition of M {condition_of_m:g} (Denkena2015, printed: {denkena2015_condition:g}); {noise_um_m:g} "
+                "um/m of noise are {force_sigma_n[0]:.1f} N along x, {force_sigma_n[1]:.1f} N along y, "
+                "{force_sigma_n[2]:.1f} N along z"
+            )
+        yield self._settled_line()
+        spindle = self["spindle"]
+        for row in [] if spindle is None else spindle["angles"]:
+            angle = "as it is" if row["angle_deg"] is None else f"{spindle['mounting']} = {row['angle_deg']:g} deg"
+            yield f"spindle {angle}: {spindle['force_n']:g} N radial bend the arm by a median of " + fill(
+                "{median_um} um ({least_um} to {most_um}, {reached} places)", row
+            )
+
+    def _settled_line(self) -> str:
+        settled, bricks = self["settled_percent"], self["bricks"]
+        if settled is None:
+            return "warning: one brick over a pocket: the strains may be wrong by half; give --bricks 4 or more"
+        more = "" if settled["strain"] <= _SETTLED else f"; give --bricks {2 * bricks} or more"
+        return (
+            f"{'warning' if more else 'note'}: from {max(1, bricks // 2)} to {bricks} bricks over a pocket the strains "
+            f"change by {settled['strain']:g} %, the compliance by {settled['compliance']:g} %: they are settled to "
+            f"about as much{more}"
+        )
+
+
 def run(
     holder: str | Path,
     out: str | Path,
@@ -134,7 +183,7 @@ def run(
     lost_percent: float = 10.0,
     spindle: Spindle | None = None,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> HolderDesign:
     """Write ``report.html``, ``summary.json`` and, with a choice of places, ``holder.toml`` into ``out``: all or none.
 
     Args:
@@ -167,7 +216,7 @@ def run(
     half = behaviour(drawing, mesh_m, file.noise, bricks=max(1, bricks // 2))
     progress(0.7)
     bernoulli, timoshenko = beam_tip(drawing.beam, np.array(drawing.p_holder_tcp))
-    summary: dict[str, Any] = {
+    summary = {
         "job": "holder design",
         "holder": file.name or Path(holder).name,
         "mesh_mm": mesh_mm,
@@ -204,7 +253,7 @@ def run(
         if choose_count is not None:
             write_toml(staging / CHOSEN, holder_data(file, drawing), comment="Places chosen by holder design --choose")
         write_page(holder_design_page(summary, _surface(drawing, mesh_m, bricks)), staging / "report.html")
-    return summary
+    return HolderDesign(summary)
 
 
 def _settled(cut: Behaviour, half: Behaviour, bricks: int) -> dict[str, float] | None:

@@ -17,6 +17,7 @@ from counterflex import __version__
 from counterflex.app.robot_programs import digest
 from counterflex.core import build_data, file_content
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import MM
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.files.summary_file import SEAL, SUMMARY, read_sealed, read_summary, require_whole, write_sealed
@@ -49,7 +50,42 @@ class _Measured(NamedTuple):
     not_looked_at: tuple[str, ...] = ()
 
 
-def predict(source: Path, cell_file: Path | None, out: Path) -> dict[str, Any]:
+_INTERVAL: Final = "predicted:g | 90 % interval={low:g} to {high:g}~none"
+_INSIDE: Final = {None: "no interval", True: "yes", False: "no"}
+
+
+class SealedPrediction(Summary):
+    """Figures that are predicted, sealed."""
+
+    def _shown(self) -> Parts:
+        rows = [one | {"figure": name} for name, one in self["figures"].items()]
+        yield ShownTable.of(self.line("{program} on {cell}"), f"figure | {_INTERVAL}", rows)
+
+
+class RevealedPair(Summary):
+    """A prediction and what came."""
+
+    def _shown(self) -> Parts:
+        yield _compared(self.line("{prediction[program]}, against {against}"), self["figures"])
+        yield from self.each("not_looked_at", "not looked at: {}")
+
+
+class Ledger(Summary):
+    """Every pair of a folder, and predictions that nobody has revealed."""
+
+    def _shown(self) -> Parts:
+        yield _compared("Every pair", self["rows"], "program | against | ")
+        title = "Credibility: what was validated, against what, how independent"
+        yield self.rows("credibility", title, "figure | against | inside | of | above | independence")
+        yield from self.each("not_revealed", "not revealed: {}")
+
+
+def _compared(title: str, rows: list[dict[str, Any]], more: str = "") -> ShownTable:
+    shown = [row | {"inside": _INSIDE[row["inside"]]} for row in rows]
+    return ShownTable.of(title, f"{more}truth | figure | {_INTERVAL} | came:g | inside", shown)
+
+
+def predict(source: Path, cell_file: Path | None, out: Path) -> SealedPrediction:
     """Write what a plan predicts, or a cell under the loads of pulls.
 
     Args:
@@ -65,10 +101,10 @@ def predict(source: Path, cell_file: Path | None, out: Path) -> dict[str, Any]:
     about = _of_plan(source) if cell_file is None else _of_pulls(source, cell_file)
     made = {"created": _now(), "counterflex": __version__, "commit": build_data.commit(), "interval": 0.9}
     write_sealed(out, PREDICTION, made | about)
-    return read_sealed(out, PREDICTION)
+    return SealedPrediction(read_sealed(out, PREDICTION))
 
 
-def reveal(prediction: Path, measured: Path, out: Path | None) -> dict[str, Any]:
+def reveal(prediction: Path, measured: Path, out: Path | None) -> RevealedPair:
     """Compare a prediction with the measurement that came later.
 
     Args:
@@ -104,10 +140,10 @@ def reveal(prediction: Path, measured: Path, out: Path | None) -> dict[str, Any]
     pair |= {"figures": rows, "not_looked_at": list(measurement.not_looked_at)}
     if out is not None:
         write_sealed(out, PAIR, pair)
-    return pair
+    return RevealedPair(pair)
 
 
-def ledger(folder: Path) -> dict[str, Any]:
+def ledger(folder: Path) -> Ledger:
     """Return all pairs of a folder and the folders below, and predictions that were not revealed.
 
     Returns:
@@ -137,7 +173,7 @@ def ledger(folder: Path) -> dict[str, Any]:
             group["inside"] += row["inside"]
             group["above"] += row["came"] > row["high"]
     open_ = [name for seal, name in waiting.items() if seal not in paired]
-    return {"rows": rows, "credibility": list(groups.values()), "not_revealed": open_}
+    return Ledger(rows=rows, credibility=list(groups.values()), not_revealed=open_)
 
 
 def _of_plan(folder: Path) -> dict[str, Any]:

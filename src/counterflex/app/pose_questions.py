@@ -9,6 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import ElasticChain, forward
@@ -28,24 +29,50 @@ def chain_of(robot_or_cell: str) -> ElasticChain:
     return ElasticChain.build(catalog.load(robot_or_cell))
 
 
-def pose_of_joints(chain: ElasticChain, joints_deg: list[float]) -> dict[str, Any]:
+class PoseOfJoints(Summary):
+    """Pose of the tool centre point."""
+
+    def _shown(self) -> Parts:
+        for title, key, form in (
+            (f"TCP of {self.name} in its base", "tcp_in_base", ".4f"),
+            ("Margin to the joint limits, deg", "margins", ".2f"),
+        ):
+            yield ShownTable(title, list(self[key]), [[format(value, form) for value in self[key].values()]])
+
+    def __init__(self, name: str, values: dict[str, Any]) -> None:
+        super().__init__(values)
+        self.name = name
+
+
+class JointsOfPose(PoseOfJoints):
+    """Joint angles of every branch that reaches a pose."""
+
+    def _shown(self) -> Parts:
+        yield ShownTable.of(
+            f"{len(self['solutions'])} ways for {self.name} to be there",
+            f"branch | {''.join(f'A{i + 1} deg=joints_deg[{i}]:.4f | ' for i in range(6))}"
+            "smallest margin deg=least:.2f | wrist deg:.2f",
+            [one | {"least": min(one["margins"].values())} for one in self["solutions"]],
+            "wrist: how far axis 5 is from the wrist singularity.",
+        )
+
+
+def pose_of_joints(chain: ElasticChain, joints_deg: list[float]) -> PoseOfJoints:
     """TCP pose in the base for joint angles, with the margin to every joint limit."""
     q = checked_joints(chain, joints_deg)
-    return {
-        "tcp_in_base": pose_mm_deg(forward(chain, q)),
-        "joints_deg": list(joints_deg),
-        "margins": joint_margins(chain, q),
-    }
+    tcp = pose_mm_deg(forward(chain, q))
+    margins = joint_margins(chain, q)
+    return PoseOfJoints(chain.name, {"tcp_in_base": tcp, "joints_deg": list(joints_deg), "margins": margins})
 
 
-def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float]) -> dict[str, Any]:
+def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float]) -> JointsOfPose:
     """All joint angles that bring the TCP to a pose, branch by branch.
 
     Raises:
         ReachError: No branch reaches the pose within the joint limits.
     """
     T_base_tcp = pose.from_xyz_zyx(as_float("--xyz-mm", xyz_mm, (3,)) * MM, as_float("--abc-deg", abc_deg, (3,)) * DEG)
-    return {
+    values = {
         "tcp_in_base": pose_mm_deg(T_base_tcp),
         "solutions": [
             {
@@ -57,6 +84,7 @@ def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float
             for solution in inverse.inverse_all(chain, T_base_tcp)
         ],
     }
+    return JointsOfPose(chain.name, values)
 
 
 def checked_joints(chain: ElasticChain, joints_deg: list[float]) -> Float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import time
+from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -20,7 +21,8 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, UM
+from counterflex.core.result import Parts, ShownTable, Summary
+from counterflex.core.units import DEG, UM, plain
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_with_posture
@@ -34,6 +36,7 @@ from counterflex.plan.posture.cut_path import LoadedPath, Surface, cut_path
 from counterflex.plan.posture.held import Held, PostureTask
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.plan.undisturbed_cut import undisturbed_cut
+from counterflex.report.glossary import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
 from counterflex.robot.model.controller_axes import ControllerAxes
 from counterflex.robot.model.opw import BRANCHES
 
@@ -133,9 +136,34 @@ def surroundings_of(job: Job, cell: Cell) -> Surroundings:
     return Surroundings(coarse_bodies(job, cell, cell.stock()), job.machined.tool, bounds.clearance_m)
 
 
+_SURFACE_WORDS: Final = {"both": "wall and floor", "wall": "the wall", "floor": "the floor"}
+
+
+class PostureSummary(Summary):
+    """Present and chosen posture."""
+
+    def _shown(self) -> Parts:
+        rows = [
+            defaultdict(lambda: None, held or {}, posture=name, worth=expected_text(held) if held else "out of reach")
+            for name, held in ((name, self[name]) for name in ("present", "chosen"))
+        ]
+        yield ShownTable.of(
+            self.line("{program} on {cell}"),
+            f"posture | {EXPECTED_UM}=worth | branch | rotation deg=rotation_about_tool_deg:g | turned deg:g | "
+            f"{MODEL_UM}=deflection_um:g | largest um:g | in line=largest_in_line:g | reversals:g | unloadings:g | "
+            "limit margin deg:g | wrist deg:g",
+            rows,
+            "Deflection without compensation: 99.7 % of the cut stay below it, normal to "
+            f"{_SURFACE_WORDS[self['surface']]}. {EXPECTED_NOTE}",
+        )
+        if self["reduction_percent"] is not None:
+            yield self.line("{reduction_percent:g} % less deflection than in the present posture")
+        yield self.line("{poses} postures tried; no posture could be below {bound_um:g} um in the mean")
+
+
 def run(
     program: str | Path, cell_file: str | Path, out: str | Path, *, progress: Progress = silent, **options: Any
-) -> dict[str, Any]:
+) -> PostureSummary:
     """Write ``cell.toml`` with the chosen posture, ``postures.csv`` and ``summary.json`` into ``out``: all or none."""
     cell = read_cell(cell_file)
     with atomic.atomic_folder(out) as staging:
@@ -146,7 +174,7 @@ def run(
         atomic.write_text(staging / "cell.toml", text)
         atomic.write_text(staging / MAP, _map(done.chosen))
         write_summary(staging / "summary.json", done.summary)
-    return done.summary
+    return PostureSummary(done.summary)
 
 
 def _sparse(turning: ToolRotation) -> ToolRotation:
@@ -200,13 +228,9 @@ def held_row(held: Held, job: Job, axes: ControllerAxes) -> dict[str, Any]:
         "turned_deg": 0.0
         if held.turning is None
         else round(float(np.sum(np.abs(np.diff(held.turning.angle_rad)))) / DEG, 3),
-        "deflection_um": _um(held.share_m),
-        "largest_um": _um(held.largest_m),
+        **plain(held, "deflection_um=share_m:2 largest_um:2"),
         "largest_in_line": int(job.line_of_motion[job.machined.motion[row]]),
-        "reversals": held.reversals,
-        "unloadings": held.unloadings,
-        "limit_margin_deg": round(held.limit_margin_rad / DEG, 2),
-        "wrist_deg": round(held.wrist_rad / DEG, 2),
+        **plain(held, "reversals unloadings limit_margin_deg:2 wrist_deg:2"),
         "start_axes_deg": np.round(axes.shown(held.q[0]) / DEG, 3).tolist(),
     }
 

@@ -20,7 +20,8 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT, UM
+from counterflex.core.result import Parts, ShownTable, Summary, fill
+from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT, UM, plain
 from counterflex.evaluate.inspection.cad_rows import even_points
 from counterflex.evaluate.inspection.mesh_shape import CadSolid
 from counterflex.evaluate.inspection.nominal_part import NominalPart
@@ -274,11 +275,9 @@ def _path_speed(result: Preflight) -> dict[str, Any]:
     if speed is None:
         return {}
     figures = {
-        "cut_mm": round(speed.cut_m / MM, 3),
-        "slower_mm": round(speed.slower_m / MM, 3),
+        **plain(speed, "cut_mm:3 slower_mm:3"),
         "slower_percent": round(speed.share / PERCENT, 3),
-        "more_s": round(speed.more_s, 3),
-        "lowest_mm_min": round(speed.lowest_m_s / MM_PER_MIN, 2),
+        **plain(speed, "more_s:3 lowest_mm_min:2"),
         "causes_percent": {text: round(share / PERCENT, 2) for text, _, share in speed.causes},
     }
     return {"path_speed": figures}
@@ -295,22 +294,53 @@ def shown(row: Row, result: Preflight, job: Job, cell: Cell) -> dict[str, Any]:
         p_part = p_part if cell.R_part_plane is None else cell.R_part_plane @ p_part
         line, at = int(job.line_of_motion[motion]), np.round(p_part / MM, 3).tolist()
     return {
-        "check": row.check,
-        "verdict": row.verdict,
+        **plain(row, "check verdict"),
         "value": _plain(row.value, size),
         "limit": _plain(row.limit, size),
         "unit": unit,
         "line": line,
         "place": None if line is None else job.program.place(line),
         "at_mm": at,
-        "what": row.what,
-        "missing": row.missing,
-        "advice": row.advice,
+        **plain(row, "what missing advice"),
     }
 
 
 def _plain(value: float | None, size: float) -> float | None:
     return None if value is None else float(f"{value / size:.6g}")
+
+
+_ORDER: Final = ("fail", "warning", "ok")
+
+
+class PreflightSummary(Summary):
+    """Checks of a program before it runs."""
+
+    def _shown(self) -> Parts:
+        checks = [row | {"has": _number(row["value"], row["unit"])} for row in self["checks"]]
+        looked_at = [
+            row | {"limit": _number(row["limit"], row["unit"])} for row in checks if row["verdict"] != "not looked at"
+        ]
+        looked_at.sort(key=lambda row: _ORDER.index(row["verdict"]))
+        columns = "check | verdict | value=has | limit | worst=place | what"
+        yield ShownTable.of(self.line("{program} on {cell}"), columns, looked_at)
+        for row in looked_at:
+            if row["advice"]:
+                yield fill("{verdict}: {check}: {advice}", row)
+        if left_out := [row for row in checks if row["verdict"] == "not looked at"]:
+            yield "not looked at, and what it needs:"
+        for row in left_out:
+            here = ", ".join(text for text in (row["has"], row["what"], row["place"]) if text)
+            needs = f"{row['missing']} ({here})" if row["missing"] and here else row["missing"] or here
+            yield f"  {row['check']}: {needs}"
+        yield self.line(
+            "{counts[fail]} fail, {counts[warning]} warning, {counts[not looked at]} not looked at, {counts[ok]} ok"
+        )
+
+
+def _number(value: float | None, unit: str) -> str:
+    if value is None:
+        return ""
+    return f"{value:.0f} {unit}".rstrip() if abs(value) >= 1000.0 else f"{value:.4g} {unit}".rstrip()
 
 
 def run(
@@ -322,7 +352,7 @@ def run(
     language: str | None = None,
     nominal: Path | None = None,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> PreflightSummary:
     """Check a program; with ``out``, write ``summary.json`` and ``report.html`` there: both or none.
 
     Args:
@@ -330,14 +360,15 @@ def run(
     """
     cell = read_cell(cell_file)
     if out is None:
-        return check(program, cell, reading=reading, language=language, nominal=nominal, progress=progress).summary
+        done = check(program, cell, reading=reading, language=language, nominal=nominal, progress=progress)
+        return PreflightSummary(done.summary)
     with atomic.atomic_folder(out) as staging:
         done = check(program, cell, reading=reading, language=language, nominal=nominal, progress=progress)
         write_summary(staging / "summary.json", done.summary)
         from counterflex.report.page import write_page
 
         write_page(done._page().page(), staging / "report.html")
-    return done.summary
+    return PreflightSummary(done.summary)
 
 
 def _curves(result: Preflight) -> Any:

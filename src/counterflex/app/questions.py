@@ -10,6 +10,8 @@ import numpy as np
 from counterflex.app.pose_questions import checked_joints, joint_margins, pose_mm_deg, rounded
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import ReachError
+from counterflex.core.next_command import next_command
+from counterflex.core.result import Parts, ShownTable, Summary, Warned, fill
 from counterflex.core.units import DEG, MM, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.class_stiffness import axis_names
@@ -17,6 +19,7 @@ from counterflex.files.cell.plausibility import unusual
 from counterflex.files.schema import ComplianceTable
 from counterflex.geometry import pose
 from counterflex.path.toolpath import tool_orientation
+from counterflex.report.glossary import MODEL_NOTE
 from counterflex.robot.elasticity import compliance, gravity
 from counterflex.robot.elasticity.chain import ElasticChain, forward, rigid_axes
 from counterflex.robot.kinematics import inverse
@@ -34,9 +37,36 @@ def load_chain(robot_or_cell: str) -> tuple[ElasticChain, Cell | None]:
     return ElasticChain.build(catalog.load(robot_or_cell)), None
 
 
+class Deflection(Summary):
+    """Deflection of the tool centre point, and the elements that it comes from."""
+
+    def _shown(self) -> Parts:
+        rows = [
+            {"of": what, **self[key]}
+            for what, key in (("linear", "linear"), ("nonlinear", "nonlinear"), ("own weight (sag)", "gravity_sag"))
+        ]
+        yield ShownTable.of(
+            f"Deflection of the TCP of {self.name}, base axes",
+            "=of | dx um=dx_dy_dz_um[0]:.2f | dy um=dx_dy_dz_um[1]:.2f | dz um=dx_dy_dz_um[2]:.2f | length um:.2f | "
+            "rx urad=rx_ry_rz_urad[0]:.2f | ry urad=rx_ry_rz_urad[1]:.2f | rz urad=rx_ry_rz_urad[2]:.2f",
+            rows,
+            self.line("Linear and nonlinear differ by {gap_um:.3f} um. ") + MODEL_NOTE,
+        )
+        matrix = zip(("dx", "dy", "dz"), self["compliance"]["translation_um_per_kn"], strict=True)
+        columns = "=0 | Fx={1[0]:.1f} | Fy={1[1]:.1f} | Fz={1[2]:.1f}"
+        yield ShownTable.of("Compliance, um/kN (base axes)", columns, matrix)
+        columns = "segment | dx um=dx_dy_dz_um[0]:.1f | dy um=dx_dy_dz_um[1]:.1f | dz um=dx_dy_dz_um[2]:.1f | "
+        yield self.rows("shares", "Share of each element", columns + "share={share!p:.1f}%")
+        yield from map(Warned, self["warnings"])
+
+    def __init__(self, name: str, values: dict[str, Any]) -> None:
+        super().__init__(values)
+        self.name = name
+
+
 def deflection(
     chain: ElasticChain, joints_deg: list[float], force_n: list[float], moment_nm: list[float]
-) -> dict[str, Any]:
+) -> Deflection:
     """Deflection at the TCP under a wrench in base axes: linear, nonlinear, sag, compliance, share of each element."""
     q = checked_joints(chain, joints_deg)
     w = np.concatenate([as_float("--force-n", force_n, (3,)), as_float("--moment-nm", moment_nm, (3,))])
@@ -44,7 +74,7 @@ def deflection(
     linear = C @ w
     nonlinear = compliance.deflection(chain, q, w)
     sag = gravity.sag(chain, q)
-    return {
+    values = {
         "tcp_in_base": pose_mm_deg(forward(chain, q)),
         "force_n": list(force_n),
         "moment_nm": list(moment_nm),
@@ -60,6 +90,7 @@ def deflection(
         "shares": shares(chain, q, w),
         "warnings": [*_rigid(chain), *beyond_regions(chain.regions, q), *_means(chain)],
     }
+    return Deflection(chain.name, values)
 
 
 def _rigid(chain: ElasticChain) -> list[str]:
@@ -107,7 +138,56 @@ def _short_model(robot: str) -> str:
     return catalog.entry(robot).model.split(" (")[0]
 
 
-def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
+class CellCheck(Summary):
+    """Elastic chain of a cell, its compliance at the part, and what is not known of it."""
+
+    def _shown(self) -> Parts:
+        segments = [
+            row | {"bends": "  ".join(f"{key} {value:g}" for key, value in row["compliance"].items()) or "rigid"}
+            for row in self["segments"]
+        ]
+        title = self.line("{cell}: elastic chain, {mass_kg:g} kg")
+        yield ShownTable.of(title, "segment | compliance=bends | mass kg:g", segments)
+        if self["at_corner"] is not None:
+            yield self.rows(
+                "softness",
+                f"Compliance at the corner of the stock {self['at_corner']['xyz_mm']} mm",
+                "direction | um/N=um_per_n:.2f | weakest element=weakest | its share={share!p:.0f}%",
+                "Own-weight sag varies by {sag_variation_um:.0f} um over the stock. Smallest joint margin "
+                "{smallest_joint_margin_deg:.1f} deg.",
+            )
+        if self["identified"]:
+            unseen = [sum(value["seen"] == "prior" for value in entry["values"]) for entry in self["identified"]]
+            yield ShownTable.of(
+                "Identified from measurements",
+                "recipe | date | data | error on held-out data=holdout | values determined=known | "
+                "not determined=unseen",
+                [
+                    entry | {"unseen": count, "known": len(entry["values"]) - count}
+                    for entry, count in zip(self["identified"], unseen, strict=True)
+                ],
+                f"Values with their standard deviations: {next_command('cell check', 'CELL', json=True)}",
+            )
+        if self["unknowns"] is not None:
+            yield from self._unknown()
+        yield from self.each("assumptions", "note: {}")
+        yield from map(Warned, self["warnings"])
+        count = len(self["warnings"])
+        yield f"cell file readable, {count} warnings" if count else "cell file ok"
+
+    def _unknown(self) -> Parts:
+        yield ShownTable.of(
+            self.line("Not known, by what it leaves uncorrected {unknowns[where]}"),
+            "unknown | known from | leaves mm:.2f | "
+            "90 % of cells, mm={of_90_percent_mm[0]:.2f} to {of_90_percent_mm[1]:.2f}~not at rest | measure",
+            self["unknowns"]["rows"],
+        )
+        if self["unknowns"]["measure_first"] is not None:
+            text = "measure first: {command} ({removes_mm:.2f} mm, up to {up_to_mm:.2f})"
+            yield fill(text, self["unknowns"]["measure_first"])
+
+
+def check_cell(path: str, program: str | Path | None = None) -> CellCheck:
     """Resolve a cell and judge it: reach of the stock's corners, compliance at the part, weakest element, unknowns.
 
     A cell for calibration only, without blank, is judged without what is seen at the blank's corners: those entries are
@@ -127,7 +207,7 @@ def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
     if missing:
         warnings.append(f"no {', '.join(missing)}: good for calibration (counterflex identify), nothing can be milled")
     has_blank = cell.tables.part is not None and cell.tables.part.stock is not None
-    return {
+    values = {
         "cell": cell.name,
         "robot": chain.name,
         "segments": [
@@ -160,6 +240,7 @@ def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
         "assumptions": _assumptions(cell),
         "warnings": warnings,
     }
+    return CellCheck(values)
 
 
 def _unknowns(cell: Cell, program: str | Path | None) -> dict[str, Any] | None:

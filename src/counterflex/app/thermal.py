@@ -12,6 +12,7 @@ import numpy as np
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import MINUTE, RPM, UM
 from counterflex.evaluate.thermal.growth import GrowthCourse, GrowthModel, Touches, follow, micro
 from counterflex.files.touches_file import read_touches
@@ -30,6 +31,33 @@ _KEYS: Final = ("reference_rpm", "end_um", "end_sigma_um", "weights")
 _ADDED: Final = {2: ("walk_weights",)}
 
 
+class ThermalGrowth(Summary):
+    """Growth of spindle and arm, touch by touch."""
+
+    def _shown(self) -> Parts:
+        rows = [
+            row
+            | {
+                "arm_sigma": max(row["arm_sigma_um"]),
+                "jump": f" jump of {row['jump_um']:.0f}" if row["jump_um"] > 0.0 else "",
+                "doubt": "" if row["holds"] else "?" if row["jump_um"] > 0.0 else " !",
+            }
+            for row in self["touches"]
+        ]
+        yield ShownTable.of(
+            "Thermal growth, um",
+            "minutes:g | rpm | spindle=growth_um:.1f | +-=growth_sigma_um:.1f | arm x=arm_um[0]:.1f | "
+            "y=arm_um[1]:.1f | z=arm_um[2]:.1f | +-=arm_sigma:.1f | together=total_um:.1f | +-=total_sigma_um:.1f | "
+            "surprise={surprise:.1f}{jump}{doubt}~-",
+            rows,
+        )
+        yield self.line(
+            "spindle: {end_um:.0f} +- {end_sigma_um:.0f} um in the end at {reference_rpm} rpm, time constant "
+            "{time_constant_min:g} +- {time_constant_sigma_min:g} min"
+        )
+        yield from self.each("alerts", "alert: {}")
+
+
 @dataclass(frozen=True)
 class ThermalSettings:
     """Settings of the thermal model."""
@@ -40,7 +68,7 @@ class ThermalSettings:
     per_kelvin_m: float | None = None  # Growth per kelvin of the spindle's temperature, or None
     model: Path | None = None  # Written by an earlier call, or None
 
-    def run(self, out: Path | None = None) -> dict[str, Any]:
+    def run(self, out: Path | None = None) -> ThermalGrowth:
         """Follow growth and drift through the touches, and judge them.
 
         Args:
@@ -68,7 +96,7 @@ class ThermalSettings:
         }
         if out is not None:
             _write(out, course.model)
-        return summary
+        return ThermalGrowth(summary)
 
 
 def _row(touches: Touches, course: GrowthCourse, k: int) -> dict[str, Any]:

@@ -7,9 +7,9 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 from counterflex.cli.arguments import address, option
 from counterflex.cli.printed import below, everything_is_text
@@ -19,6 +19,7 @@ from counterflex.core.output_place import is_printed
 from counterflex.core.printable import printable
 from counterflex.core.progress import Progress
 from counterflex.core.remarks import shown
+from counterflex.core.result import Part, ShownTable, Summary, Warned
 
 Layers = Annotated[
     list[str] | None,
@@ -36,37 +37,36 @@ def host_port(text: str | None) -> tuple[str, int] | None:
     return None if text is None else address(text, "--scenario")
 
 
-EXPECTED_UM: Final = "expected um"
-"""Column of medians with the range of nine of ten such cells."""
-MODEL: Final = "model without its unknowns"
-MODEL_UM: Final = f"{MODEL} um"
-"""Column of what the cell file alone predicts."""
-EXPECTED_NOTE: Final = "Expected: median and range of nine of ten such cells; the model is without their unknowns."
-MODEL_NOTE: Final = (
-    "Model without its unknowns: stiffness, force constants, play and drives as the cell file has them; cell check "
-    "says what each can cost."
-)
-
-
-def expected_text(row: Mapping[str, Any]) -> str:
-    """``950 (610 to 1480)`` of a row of a summary; ``not counted`` where its unknowns were not drawn."""
-    if row["expected_um"] is None:
-        return "not counted"
-    median, low, high = row["expected_um"]
-    return f"{median:.0f} ({low:.0f} to {high:.0f})"
-
-
 def print_json(data: Any) -> None:
     """Print data as JSON on standard output."""
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
-def print_result(result: Any, as_json: bool, show: Callable[..., None], *of: Any) -> None:
-    """Print a result as JSON, or as ``show`` prints it, with what else it needs."""
+def print_part(part: Part) -> None:
+    """Print a line or a table of a result."""
+    import typer
+
+    if isinstance(part, ShownTable):
+        print_table(part.title, part.columns, part.rows, note=part.note)
+    elif isinstance(part, Warned):
+        warn(part)
+    else:
+        typer.echo(part)
+        shown(part)
+
+
+def print_summary(result: Summary, as_json: bool, out: Path | None = None, files: str = "") -> None:
+    """Print a result as JSON, or the lines and tables that show it and what was written.
+
+    Args:
+        files: What was written into ``out``, with values of the result in braces.
+    """
     if as_json:
         print_json(result)
-    else:
-        show(result, *of)
+        return
+    for part in result.parts():
+        print_part(part)
+    say_written(out, f"wrote {out}{result.line(files)}")
 
 
 def say_written(out: Path | None, line: str) -> None:
@@ -115,16 +115,6 @@ def keep_folders(out: Path | None, *folders: Path) -> None:
             raise InputError(
                 "the results would replace the summary of the run", where=f"--out {out}", hint="Choose another --out"
             )
-
-
-def line_of(row: Mapping[str, Any], *, bare: bool = False) -> str:
-    """Return a line of the program as people read it: with its file where the result names one.
-
-    Args:
-        row: With ``line``, and ``place`` in programs of several files.
-        bare: Only the number, in a column of lines.
-    """
-    return str(row.get("place") or (row["line"] if bare else f"line {row['line']}"))
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, note: str = "") -> None:

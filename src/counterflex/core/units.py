@@ -7,7 +7,8 @@ command line, reports. ``x_m = x_mm * MM``, ``x_mm = x_m / MM``.
 from __future__ import annotations
 
 import math
-from typing import Final
+from enum import Enum
+from typing import Any, Final
 
 MM: Final = 1e-3  # m
 UM: Final = 1e-6  # m
@@ -41,3 +42,41 @@ PERCENT: Final = 1e-2
 MICRO: Final = 1e-6
 DEG_PER_S: Final = DEG  # rad/s
 STANDARD_GRAVITY: Final = 9.80665  # m/s2
+
+_SHOP: Final = {
+    "mm_min": ("m_s", MM_PER_MIN), "mm2": ("m2", MM**2), "mm": ("m", MM), "um": ("m", UM), "deg": ("rad", DEG),
+    "urad": ("rad", URAD), "ms": ("s", MS), "rpm": ("rad_s", RPM),
+}  # fmt: skip
+"""End of the SI name and SI value of one, by the end of a shop name."""
+
+
+def plain(of: object, names: str) -> dict[str, Any]:
+    """Values of an object as a summary holds them, by their shop names.
+
+    Args:
+        names: Of the values, with blanks between. ``width_mm:4`` is the attribute ``width_m`` in mm with four decimals,
+            ``from=before`` the attribute ``before``, ``feed_percent=share:1`` a share in percent. Enumerations become
+            their lower-case names, nan becomes None.
+    """
+    out = {}
+    for declared in names.split():
+        name, _, digits = declared.partition(":")
+        name, _, attribute = name.partition("=")
+        end = next((end for end in _SHOP if name.endswith(f"_{end}")), "")
+        si, size = _SHOP.get(end, ("", 1.0))
+        if not attribute:
+            attribute = name if not end or hasattr(of, name) else name.removesuffix(end) + si
+        factor = 100.0 if name.endswith("_percent") and not attribute.endswith("_percent") else 1.0
+        out[name] = _plain(getattr(of, attribute), digits, size if attribute.endswith(f"_{si}") else 1.0, factor)
+    return out
+
+
+def _plain(value: Any, digits: str, size: float, factor: float) -> Any:
+    if isinstance(value, Enum) and not isinstance(value, str):
+        return value.name.lower()
+    if isinstance(value, list | tuple) or getattr(value, "ndim", 0) == 1:
+        return [_plain(one, digits, size, factor) for one in value]
+    if value is None or (not digits and size == factor == 1.0):
+        return value
+    number = factor * float(value) / size
+    return None if math.isnan(number) else round(number, int(digits)) if digits else number

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.units import plain
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.state.supervisor import Cause, State
 
@@ -31,6 +32,10 @@ class Incident:
     # plan
     path_m: float = 0.0
     elapsed: int = 0  # cycles of the controller since the telegram before; 0 where none came
+
+    def shown(self) -> dict[str, Any]:
+        """Plain values."""
+        return plain(self, "cycle time_s:3 state cause before path_distance_mm=path_m:3 cycles_since_telegram=elapsed")
 
 
 class IncidentFinder:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
+from counterflex.core.units import plain
 from counterflex.runtime.monitoring.events import EVENTS, Event
 from counterflex.runtime.record_ring import WIDTH, column
 
@@ -31,6 +32,10 @@ class ProcessEvent:
     # ratio, share of the force lost, N of vibration
     value: float
     limit: float
+
+    def shown(self) -> dict[str, Any]:
+        """What, when and where."""
+        return plain(self, "event cycle time_s:3 path_mm:3")
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,10 @@ class ProcessFigures:
     wear: ForceTrend | None  # at the end; None where nothing was cut
     slowed: float  # share of the cycles in which less than the programmed speed was asked for
     least_speed: float  # lowest share of the programmed speed that was asked for
+
+    def shown(self) -> dict[str, Any]:
+        """Shares of the programmed speed."""
+        return plain(self, "slowed_share=slowed:4 least_speed:3")
 
 
 class ProcessRecord:

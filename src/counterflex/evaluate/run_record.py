@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
-from counterflex.core.units import UM
+from counterflex.core.units import UM, plain
 from counterflex.evaluate.loop_timing import LatencyHistogram, Percentiles
 from counterflex.evaluate.missing_cycles import MissingCycles, MissingFinder
 from counterflex.evaluate.process_record import ProcessFigures, ProcessRecord
@@ -34,6 +34,10 @@ class RecordChange(Generic[Kind]):
     before: Kind
     after: Kind
     cause: Cause = Cause.NONE  # as latched then; of sources why one of the cell's is missing
+
+    def shown(self) -> dict[str, Any]:
+        """Plain values."""
+        return plain(self, "cycle time_s:3 from=before to=after cause")
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,10 @@ class RunFigures:
     # cycles by the force sensors of two that were used; empty where there is one or none
     pair: dict[int, int] = field(default_factory=dict)
     pair_changes: tuple[RecordChange[int], ...] = ()  # the first MOST_CHANGES changes of that
+
+    def shown(self) -> dict[str, Any]:
+        """Counts and duration."""
+        return plain(self, "records records_lost answered waited telegrams_lost seconds=time_s:3")
 
 
 class RunRecord:

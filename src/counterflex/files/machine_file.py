@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError, OutputError
+from counterflex.core.units import plain
 from counterflex.core.user_folder import made_own, require_own, user_folder
 
 KIND: Final = "counterflex-machine"
@@ -68,10 +69,7 @@ def write_verdict(path: Path, stored: StoredVerdict) -> None:
         "host": stored.host,
         "kernel": stored.kernel,
         "date": stored.date.isoformat(),
-        "verdict": stored.verdict,
-        "fits": stored.fits,
-        "p999_s": stored.p999_s,
-        "budget_s": stored.budget_s,
+        **plain(stored, "verdict fits p999_s budget_s"),
         "reasons": list(stored.reasons),
     }
     atomic.write_text(path, json.dumps(data, indent=2) + "\n")

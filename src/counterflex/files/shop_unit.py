@@ -58,9 +58,3 @@ def unit_of_name(name: str) -> str:
         if name.endswith(suffix):
             return _OF_NAMES[suffix]
     return ""
-
-
-def digits_of(value: float, digits: int) -> str:
-    """A number with so many significant digits; without an exponent from 0.0001 to 1e7."""
-    text = f"{value:.{digits}g}"
-    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e7 else text

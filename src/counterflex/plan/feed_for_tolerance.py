@@ -12,13 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_positive
 from counterflex.core.errors import InputError
-from counterflex.core.units import UM
+from counterflex.core.units import UM, plain
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.feed_schedule import STEP, FeedGroups, at_feed
 from counterflex.plan.plan import Plan, across
@@ -63,6 +63,10 @@ class LineFeed:
     # why the tolerance is not reached: `least feed`, `least chip`, `fixed feed` (it cannot be changed here), `no gain`
     # (a lower feed does not help); empty where it is
     why: str
+
+    def shown(self) -> dict[str, Any]:
+        """Plain values."""
+        return plain(self, "line feed_percent=share:1 before_um:1 after_um:1 why")
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import silent
+from counterflex.core.units import plain
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.feed_schedule import LEAST, LEAST_CHIP_M, STEP, FeedGroups, at_feed
 from counterflex.plan.inputs import CompensationInputs
@@ -46,6 +47,15 @@ class LimitedLine:
     limit: str  # the limit that binds there
     before: float  # share of that limit that the programmed feed uses, largest of the line
     after_share: float  # the same at the lowered feed; above 1 where the least feed does not reach the limit
+
+    @property
+    def kept(self) -> bool:
+        """Return whether the limit is kept at the lowered feed."""
+        return bool(self.after_share <= 1.001)
+
+    def shown(self) -> dict[str, Any]:
+        """Plain values."""
+        return plain(self, "line feed_percent=share:1 limit before_percent=before:1 after_percent=after_share:1 kept")
 
 
 @dataclass(frozen=True, eq=False)

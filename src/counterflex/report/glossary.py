@@ -1,8 +1,9 @@
-"""The figures of the page in words; they are defined once, in the evaluate room."""
+"""The figures of pages and of the prompt in words; they are defined once, in the evaluate room."""
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 GLOSSARY: Final = (
     (
@@ -45,3 +46,32 @@ GLOSSARY: Final = (
         "one.",
     ),
 )
+
+EXPECTED_UM: Final = "expected um"
+"""Column of medians with the range of nine of ten such cells."""
+MODEL: Final = "model without its unknowns"
+MODEL_UM: Final = f"{MODEL} um"
+"""Column of what the cell file alone predicts."""
+EXPECTED_NOTE: Final = "Expected: median and range of nine of ten such cells; the model is without their unknowns."
+MODEL_NOTE: Final = (
+    "Model without its unknowns: stiffness, force constants, play and drives as the cell file has them; cell check "
+    "says what each can cost."
+)
+
+
+def expected_text(row: Mapping[str, Any]) -> str:
+    """``950 (610 to 1480)`` of a row of a summary; ``not counted`` where its unknowns were not drawn."""
+    if row["expected_um"] is None:
+        return "not counted"
+    median, low, high = row["expected_um"]
+    return f"{median:.0f} ({low:.0f} to {high:.0f})"
+
+
+def line_of(row: Mapping[str, Any], *, bare: bool = False) -> str:
+    """Return a line of the program as people read it: with its file where the result names one.
+
+    Args:
+        row: With ``line``, and ``place`` in programs of several files.
+        bare: Only the number, in a column of lines.
+    """
+    return str(row.get("place") or (row["line"] if bare else f"line {row['line']}"))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.files.shop_unit import digits_of, unit_of_name
+from counterflex.core.result import Parts, ShownTable, Summary, digits_of
+from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.recipe import Identification, Picture
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.observability import DETERMINED
@@ -346,3 +347,46 @@ def _number(value: float | None, digits: int = 4) -> str:
     if value is None:
         return "n/a"
     return digits_of(value, digits).replace("-", "−")
+
+
+_LISTED: Final = 5  # Outliers of a fit that the prompt names
+_SENTENCES: Final = 3
+_PARAMETERS: Final = 60
+
+
+class IdentificationSummary(Summary):
+    """Figures, parameters, outliers, and what the data do not see."""
+
+    def _shown(self) -> Parts:
+        rows = [one | {"unit": unit_of_name(one["name"])} for one in (*self["headline"], *self["figures"])]
+        columns = "figure=text | identified=value:D4 | before=nominal:D4 | unit"
+        yield ShownTable.of(self.line("{recipe} of {cell}"), columns, rows)
+        for name, fit in self["fits"].items():
+            free = [row for row in fit["parameters"] if row["free"]]
+            yield ShownTable.of(
+                f"Parameters of {name}",
+                "parameter=label | value:D5 | standard deviation=sigma:D2 | unit | before=nominal:D5 | "
+                "by the data=seen",
+                free[:_PARAMETERS],
+                f"Rank {fit['rank']} of {fit['free']}, condition {fit['condition']:.2g}, {sum(fit['rows'])} rows, "
+                f"{len(fit['outliers'])} outliers. {fit['reason']}",
+            )
+            if len(free) > _PARAMETERS:
+                yield f"note: {len(free) - _PARAMETERS} more parameters in report.html"
+            yield from _doubts(fit, self["remarks"])
+        yield from self.each("remarks", "note: {}")
+
+
+def _doubts(fit: Mapping[str, Any], remarks: Sequence[str]) -> Parts:
+    if not fit["converged"]:
+        yield "warning: the solver did not converge"
+    for name in fit["at_bound"]:
+        yield f"warning: {name} rests against its bound; the data would have it beyond"
+    for outlier in fit["outliers"][:_LISTED]:
+        yield f"outlier: {outlier['where']}: {outlier['size']:.1f} times its standard deviation"
+    if len(fit["outliers"]) > _LISTED:
+        yield f"outlier: {len(fit['outliers']) - _LISTED} more in result.json"
+    hidden = [sentence for sentence in fit["hidden"] if sentence not in remarks]
+    yield from (f"note: {sentence}" for sentence in hidden[:_SENTENCES])
+    if len(hidden) > _SENTENCES:
+        yield f"note: {len(hidden) - _SENTENCES} more such sentences in report.html"

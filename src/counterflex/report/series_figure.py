@@ -1,8 +1,8 @@
-"""Curves over the length of the program on one linked axis: path error, force, engagement."""
+"""Curves over the program: path error, force and engagement on one axis, margins against chatter, lobes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,6 +16,8 @@ from counterflex.report.figure_data import AFTER, BEFORE, numbers, thin
 from counterflex.report.remaining_figure import length_m
 
 _POINTS: Final = 5000
+_MARGIN_POINTS: Final = 3000
+_MARGIN_SHOWN: Final = 20.0  # Margins above are drawn at this height: nothing is to be read from them
 
 
 @dataclass(frozen=True)
@@ -184,3 +186,77 @@ def _stacked(
             }
         )
     return {"data": out, "layout": layout}
+
+
+def margin_figure(stretches: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Margins of robot and tool over time; the worst stretch is marked with its line of the program."""
+    time = np.array([row["time_s"] for row in stretches])
+    margin = np.array([row["margin"] for row in stretches])
+    traces: list[dict[str, Any]] = []
+    for key, name, colour in (
+        ("robot_margin", "robot", "#0369a1"),
+        ("tool_margin", "spindle and tool", "#7c3aed"),
+        ("low_frequency_margin", "robot, low-frequency criterion", "#15803d"),
+    ):
+        values = np.array([np.nan if row[key] is None else row[key] for row in stretches])
+        if np.all(np.isnan(values)):
+            continue
+        x, y = thin(time, np.minimum(values, _MARGIN_SHOWN), ~np.isnan(values), _MARGIN_POINTS)
+        dash = "dot" if key == "low_frequency_margin" else "solid"
+        traces.append(
+            {"type": "scatter", "mode": "lines+markers", "name": name, "x": numbers(x, 3), "y": numbers(y, 3),
+             "line": {"color": colour, "width": 1.6, "dash": dash}, "marker": {"size": 4}}
+        )  # fmt: skip
+    at = int(np.argmin(margin))
+    low = min(float(margin[at]), 0.5)
+    layout = {
+        "height": 420,
+        "margin": {"l": 64, "r": 12, "t": 40, "b": 44},
+        "hovermode": "x",
+        "legend": {"orientation": "h", "y": 1.03, "yanchor": "bottom", "x": 0.0},
+        "xaxis": {"title": {"text": "time at the programmed feed, s"}, "zeroline": False},
+        "yaxis": {
+            "title": {"text": f"margin (drawn up to {_MARGIN_SHOWN:g})"},
+            "type": "log",
+            "range": [float(np.log10(0.8 * low)), float(np.log10(1.15 * _MARGIN_SHOWN))],
+        },
+        "shapes": [
+            {"type": "line", "xref": "paper", "x0": 0.0, "x1": 1.0, "y0": 1.0, "y1": 1.0,
+             "line": {"color": "#b91c1c", "width": 1.2, "dash": "dash"}}
+        ],
+        "annotations": [
+            {"text": f"line {stretches[at]['line']}: {margin[at]:.3g}", "x": round(float(time[at]), 3),
+             "y": float(np.log10(min(margin[at], _MARGIN_SHOWN))), "ax": 0, "ay": 28, "showarrow": True,
+             "bgcolor": "rgba(255,255,255,0.85)", "font": {"size": 11, "color": "#1b2530"}}
+        ],
+    }  # fmt: skip
+    return {"data": traces, "layout": layout}
+
+
+def lobe_figure(rows: Sequence[Mapping[str, Any]], worst: Mapping[str, Any]) -> dict[str, Any]:
+    """Deepest stable cut over the spindle speed, with the programmed depth and speed."""
+    depth = float(worst["axial_depth_mm"])
+    traces: list[dict[str, Any]] = []
+    top = 2.5 * depth
+    for method, mode, colour in (("zeroth order", "lines", "#0369a1"), ("semi-discretisation", "markers", "#c2410c")):
+        own = [row for row in rows if row["method"] == method]
+        x = np.array([row["spindle_rpm"] for row in own])
+        y = np.array([np.nan if row["depth_mm"] is None else row["depth_mm"] for row in own])
+        if np.any(~np.isnan(y)):
+            top = max(top, 2.5 * float(np.nanmedian(y)))
+        traces.append(
+            {"type": "scatter", "mode": mode, "name": method, "x": numbers(x, 1), "y": numbers(y, 4),
+             "line": {"color": colour, "width": 1.8}, "marker": {"color": colour, "size": 7}}
+        )  # fmt: skip
+    traces.append(
+        {"type": "scatter", "mode": "markers", "name": f"program, line {worst['line']}", "x": [worst["spindle_rpm"]],
+         "y": [depth], "marker": {"color": "#1b2530", "size": 12, "symbol": "x"}}
+    )  # fmt: skip
+    layout = {
+        "height": 420,
+        "margin": {"l": 64, "r": 12, "t": 40, "b": 44},
+        "legend": {"orientation": "h", "y": 1.03, "yanchor": "bottom", "x": 0.0},
+        "xaxis": {"title": {"text": "spindle speed, rpm"}, "zeroline": False},
+        "yaxis": {"title": {"text": "axial depth, mm"}, "range": [0.0, top]},
+    }
+    return {"data": traces, "layout": layout}

@@ -14,7 +14,7 @@ from counterflex.app.inspection.judging import How
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
-from counterflex.core.units import MM, UM
+from counterflex.core.units import MM, UM, plain
 from counterflex.files.benchmark_result import (
     MEASURED,
     NAME,
@@ -135,10 +135,7 @@ def compare(files: Sequence[Path]) -> dict[str, Any]:
         "results": [
             {
                 "file": str(file),
-                "label": result.label,
-                "robot": result.robot,
-                "material": result.material,
-                "surface_p997_mm": result.surface_p997_mm,
+                **plain(result, "label robot material surface_p997_mm"),
                 "within": sum(row.within for row in result.features),
                 "of": len(result.features),
             }

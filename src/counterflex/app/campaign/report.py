@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from counterflex import __version__
+from counterflex.app.compensation.headline import error_rows
 from counterflex.app.prediction_interval import worse_text
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.evaluate.summary import TRUTH_LEVELS
 from counterflex.files.shop_unit import unit_of_name
 from counterflex.report.data import Fact, Head
@@ -311,3 +313,22 @@ def refusals(summary: Mapping[str, Any]) -> list[str]:
         of = "" if item["seed"] is None else f"seed {item['seed']}: "
         lines += [f"{of}{row['recipe']} not taken over: {row['why']}" for row in item["recipes"] if not row["accepted"]]
     return lines
+
+
+class CampaignSummary(Summary):
+    """What was identified, and path errors before and after."""
+
+    def _shown(self) -> Parts:
+        if lines := headline_rows(self):
+            columns = ["seed", "recipe", "figure", "before", "identified", "taken over"]
+            yield ShownTable("Identified on the twin; errors on held-out measurements", columns, lines)
+        yield from refusals(self)
+        if expected := error_rows(self.get("prediction", {})):
+            title = "Expected of all such cells, with the cell file as it was"
+            yield ShownTable(title, ["", "value", ""], expected)
+        if rows := rows_of(self):
+            end = None if any(row[-1] != "-" for row in rows) else -2  # without exact constants they have no columns
+            yield ShownTable("99.7 % path error before and after", COLUMNS[:end], [row[:end] for row in rows])
+            yield verdict(self)
+        if "setups" in self:
+            yield ShownTable("99.7 % path error over the simulated cells", SETUP_COLUMNS, setup_rows(self))

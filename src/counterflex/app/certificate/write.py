@@ -8,6 +8,8 @@ from typing import Any
 
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.result import Parts, ShownTable, Summary, fill
+from counterflex.core.units import plain
 from counterflex.files.certificate.document import read_certificate
 from counterflex.files.certificate.dsi_unit import parse_unit
 from counterflex.files.certificate.quantities import Quantity
@@ -59,18 +61,46 @@ def write_document(
     return {"file": str(out), "number": number, "quantities": len(back.quantities), "checked": schema is not None}
 
 
-def described(file: Path) -> dict[str, Any]:
+class CertificateSummary(Summary):
+    """Laboratory, date, items and quantities of a certificate."""
+
+    def _shown(self) -> Parts:
+        items = "; ".join(" ".join([one["name"], *one["identifications"]]) for one in self["items"])
+        signed = "Signed; the signature was not checked." if self["signed"] else "Not signed."
+        rows = []
+        for one in self["quantities"]:
+            row = one | {"mark": one["id"] or " ".join(one["kinds"]), "sigma": "none stated", "unit": "", "k": ""}
+            if one["values"] or not one["not_read"]:
+                if one["standard_uncertainties"] is not None:
+                    row["sigma"] = _several(one["standard_uncertainties"])
+                unit = ", ".join(one["units"]) + fill("{not_read: (%s)}", one)
+                row |= {"value": _several(one["values"]), "unit": unit}
+                row["k"] = ", ".join(f"{k:g}" for k in one["coverage_factors"])
+            else:
+                row |= {"value": one["not_read"], "sigma": ""}
+            rows.append(row)
+        yield ShownTable.of(
+            self.line("{number}, {laboratory}, {date}: ") + items,
+            "quantity=number | name | id or kind=mark | value | standard uncertainty=sigma | unit | k",
+            rows,
+            self.line("DCC {schema}. ") + signed,
+        )
+
+
+def _several(values: list[float]) -> str:
+    text = " ".join(f"{value:.6g}" for value in values[:6])
+    return text if len(values) <= 6 else f"{text} ... ({len(values)})"
+
+
+def described(file: Path) -> CertificateSummary:
     """Laboratory, date, items and quantities of a certificate."""
     certificate = read_certificate(file)
-    return {
-        "number": certificate.number,
-        "laboratory": certificate.laboratory,
-        "date": certificate.date,
-        "schema": certificate.version,
-        "signed": certificate.signed,
+    answer = {
+        **plain(certificate, "number laboratory date schema=version signed"),
         "items": [{"name": item.name, "identifications": list(item.identifications)} for item in certificate.items],
         "quantities": [_row(quantity, certificate.file) for quantity in certificate.quantities],
     }
+    return CertificateSummary(answer)
 
 
 def _row(quantity: Quantity, where: str) -> dict[str, Any]:
@@ -81,11 +111,7 @@ def _row(quantity: Quantity, where: str) -> dict[str, Any]:
     except FileFormatError as fault:
         unread = unread or f"{fault.what}: {fault.value}"
     return {
-        "number": quantity.number,
-        "name": quantity.name,
-        "id": quantity.ident,
-        "kinds": list(quantity.ref_types),
-        "values": list(quantity.values),
+        **plain(quantity, "number name id=ident kinds=ref_types values"),
         "units": list(dict.fromkeys(quantity.units)),
         "standard_uncertainties": None if quantity.sigma is None else list(quantity.sigma),
         "coverage_factors": sorted(set(quantity.coverage)),

@@ -23,7 +23,7 @@ from counterflex.app.robot_programs import inputs_of, with_files
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import UM
+from counterflex.core.units import UM, plain
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, EXTERNAL_PLACES, TOOL_TURNS, WORKING_PLANE, write_plan
 from counterflex.files.summary_file import write_folder_summary
@@ -51,18 +51,8 @@ def shown_limits(limited: LimitedFeed) -> dict[str, Any]:
     """Return what became of the feed, in shop units."""
     return {
         "extra_s": round(limited.extra_s, 3),
-        "kept": all(line.after_share <= 1.001 for line in limited.lines),
-        "lines": [
-            {
-                "line": line.line,
-                "feed_percent": round(100.0 * line.share, 1),
-                "limit": line.limit,
-                "before_percent": round(100.0 * line.before, 1),
-                "after_percent": round(100.0 * line.after_share, 1),
-                "kept": bool(line.after_share <= 1.001),
-            }
-            for line in limited.lines
-        ],
+        "kept": all(line.kept for line in limited.lines),
+        "lines": [line.shown() for line in limited.lines],
     }
 
 
@@ -95,25 +85,13 @@ def _plan_round(job: Job, cell: Cell, setting: Setting, progress: Progress, done
 def shown_feed(lowered: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:
     """Return what became of the feed, in shop units."""
     return {
-        "tolerance_um": round(wish.tolerance_m / UM, 3),
-        "least_percent": round(100.0 * wish.least, 3),
-        "least_chip_um": round(wish.least_chip_m / UM, 3),
-        "extra_s": round(lowered.extra_s, 3),
+        **plain(wish, "tolerance_um:3 least_percent=least:3 least_chip_um:3"),
+        **plain(lowered, "extra_s:3"),
         "time_s": round(float(lowered.plan.path.time_s[-1]), 3),
-        "worst_before_um": round(lowered.before_m / UM, 1),
-        "worst_after_um": round(lowered.after_m / UM, 1),
+        **plain(lowered, "worst_before_um=before_m:1 worst_after_um=after_m:1"),
         "reached": bool(lowered.after_m <= wish.tolerance_m),
         "rounds": lowered.rounds,
-        "lines": [
-            {
-                "line": line.line,
-                "feed_percent": round(100.0 * line.share, 1),
-                "before_um": round(line.before_m / UM, 1),
-                "after_um": round(line.after_m / UM, 1),
-                "why": line.why,
-            }
-            for line in lowered.lines
-        ],
+        "lines": [line.shown() for line in lowered.lines],
     }
 
 

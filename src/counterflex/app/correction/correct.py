@@ -30,12 +30,13 @@ from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Parts, ShownTable, Summary, Warned, fill
 from counterflex.core.units import UM
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.band_solver import Observations
 from counterflex.evaluate.path_error.contacts import Nodes, nodes_of
 from counterflex.evaluate.path_error.explanations import ALIKE, explanations
-from counterflex.evaluate.path_error.learning import ExpectedSurface, MeasuredError, expected
+from counterflex.evaluate.path_error.learning import MeasuredError, expected
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
 from counterflex.files.part_deviations import MeasuredPart, read_path_error, write_part_deviations, write_path_error
@@ -209,7 +210,7 @@ def correct(
         "scatter_um": round(state.scatter_m / UM, 1),
         "change_um": round(float(np.max(np.linalg.norm(change, axis=1))) / UM, 1),
         "changed": bool(np.any(further)),
-        "expected": _shown(prediction),
+        "expected": prediction.shown(),
         "not_seen": _not_seen(measured, plan, loaded, nodes),
         "explanations": shown(weighed),
         "alike": [e.name for e in weighed if weighed[0].log_evidence - e.log_evidence < ALIKE],
@@ -264,15 +265,6 @@ def _in_all(seen: Observations, taken: Float) -> Observations:
     return replace(seen, y_m=seen.y_m + np.sum(seen.normal * (begin + seen.share[:, None] * (end - begin)), axis=1))
 
 
-def _shown(e: ExpectedSurface) -> dict[str, float]:
-    return {
-        "now_p997_um": round(e.now_m / UM, 1),
-        "next_p997_um": round(e.median_m / UM, 1),
-        "next_5_percent_um": round(e.low_m / UM, 1),
-        "next_95_percent_um": round(e.high_m / UM, 1),
-    }
-
-
 def _not_seen(measured: list[MeasuredScan], plan: Plan, loaded: LoadedRobot, nodes: Nodes) -> dict[str, Any]:
     """Return how much of the cut no surface shows: overrun by a later or deeper pass, or cut in air."""
     contact = loaded.cut.contact
@@ -298,6 +290,45 @@ def _not_seen(measured: list[MeasuredScan], plan: Plan, loaded: LoadedRobot, nod
     }
 
 
+_SHOWN: Final = 6  # Explanations that the prompt lists
+
+
+class Correction(Summary):
+    """Correction of the next part, and what explains it."""
+
+    def _shown(self) -> Parts:
+        values = self["correct"]
+        parts = [one | {"error": "believed" if one["believed"] else "noise only"} for one in values["parts"]]
+        columns = "part | measured in=source | places | noise um:g | surface 99.7 % um=surface_p997_um:g | error | "
+        yield ShownTable.of(f"Parts of {self['program']}", columns + "changed um=changed_um?:g", parts)
+        factor = "{name} {value:+g} +- {standard_deviation:g} {unit}"
+        rows = [
+            one | {"causes": "; ".join(fill(factor, cause) for cause in one["factors"])}
+            for one in values["explanations"][:_SHOWN]
+        ]
+        columns = "explanation | log evidence:g | explained={explained_percent:g} % | factors=causes"
+        yield ShownTable.of("What explains it", columns, rows)
+        if len(values["alike"]) > 1:
+            yield f"not to be told apart by this part: {'; '.join(values['alike'])}"
+        if values["not_seen"]["of_cut_percent"] > 0.0:
+            yield self.line(
+                "no surface shows {correct[not_seen][of_cut_percent]:g} % of the cut: run over later, or cut in air"
+            )
+        if values["changed"]:
+            yield fill(
+                "largest change of the correction {change_um:g} um; surface, 99.7 %: {expected[now_p997_um]:g} um now, "
+                "{expected[next_p997_um]:g} um ({expected[next_5_percent_um]:g} to "
+                "{expected[next_95_percent_um]:g}) expected",
+                values,
+            )
+        else:
+            yield "the parts show nothing but noise, or less than 5 um: the program stays as it is"
+        if "stiffness" in self.get("assumed", {}):
+            yield Warned(f"the stiffness of axes is assumed, as in the plan: {self['assumed']['stiffness']['from']}")
+        if "applied" in self:
+            yield self.line("wrote {applied[cell]}: {applied[explanation]}")
+
+
 def run(
     program: str | Path,
     cell_file: str | Path,
@@ -309,7 +340,7 @@ def run(
     report: bool = True,
     progress: Progress = silent,
     **options: Any,
-) -> dict[str, Any]:
+) -> Correction:
     """Write the program, ``plan.parquet``, ``path-error.parquet``, ``parts/``, ``summary.json`` and ``report.html``.
 
     All of them or none. With ``apply`` the likeliest constants go into a new cell file.
@@ -350,4 +381,4 @@ def run(
             from counterflex.report.page import write_page
 
             write_page(correction_page(result), staging / "report.html")
-    return summary
+    return Correction(summary)

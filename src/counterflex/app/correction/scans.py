@@ -17,7 +17,7 @@ from counterflex.core import file_content
 from counterflex.core.arrays import Bool, Float, Float32
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.next_command import next_command
-from counterflex.core.units import MM, UM
+from counterflex.core.units import MM, UM, plain
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
 from counterflex.evaluate.path_error.contacts import Contacts
@@ -188,12 +188,9 @@ class MeasuredScan:
             "simulated": self.scan.simulated,
             "places": estimate.places,
             "other_places": estimate.others,
-            "noise_um": round(estimate.noise_m / UM, 1),
-            "variance_of_means": round(estimate.inflation, 2),
-            "outliers_percent": round(100.0 * estimate.outliers, 2),
+            **plain(estimate, "noise_um:1 variance_of_means=inflation:2 outliers_percent=outliers:2"),
             "surface_p997_um": round(surface_now(estimate, self.contacts) / UM, 1),
-            "explained_percent": round(100.0 * estimate.explained, 1),
-            "log_evidence": round(estimate.log_evidence, 1),
+            **plain(estimate, "explained_percent=explained:1 log_evidence:1"),
             "believed": bool(np.any(estimate.believed)),
             "error_rms_um": round(float(np.sqrt(np.mean(np.sum(estimate.error_m**2, axis=1)))) / UM, 1),
             "lengths_mm": [

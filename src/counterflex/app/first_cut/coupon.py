@@ -10,9 +10,10 @@ and what the axes lose by play and friction remains. Behind the corner and where
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from counterflex.core.errors import InputError
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 
@@ -203,9 +204,17 @@ def table(places: tuple[MeasuringPlace, ...]) -> str:
     return "\n".join([*rows, ""])
 
 
-def shown(cell: Cell, tool: int, coupon: Coupon) -> dict[str, Any]:
+class ProposedCoupon(Summary):
+    """Coupon and what to measure on it."""
+
+    def _shown(self) -> Parts:
+        yield ShownTable.of("To measure", "face=0 | places=1", self["faces"].items())
+
+
+def shown(cell: Cell, tool: int, coupon: Coupon) -> ProposedCoupon:
     """Plain values for a summary."""
     faces: dict[str, int] = {}
     for one in coupon.places:
         faces[one.face] = faces.get(one.face, 0) + 1
-    return {"job": "firstcut", "cell": cell.name, "tool": tool, "places": len(coupon.places), "faces": faces}
+    answer = {"job": "firstcut", "cell": cell.name, "tool": tool, "places": len(coupon.places), "faces": faces}
+    return ProposedCoupon(answer)

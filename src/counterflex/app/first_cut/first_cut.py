@@ -13,16 +13,16 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.correction.causes import OFFSET_M
 from counterflex.app.correction.scans import PartScan
 from counterflex.app.first_cut import posterior
-from counterflex.app.first_cut.coupon import COLUMNS, coupon, shown, table
+from counterflex.app.first_cut.coupon import COLUMNS, ProposedCoupon, coupon, shown, table
 from counterflex.app.inputs import Job, faults_in, read_in_plane, setting_of
 from counterflex.app.prediction_interval import YIELD
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Parts, Summary, Warned
 from counterflex.core.units import MM, MRAD, UM
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
@@ -52,8 +52,6 @@ _DETERMINED: Final = 0.999
 """Standard deviation over that before, below which the part says something of an element."""
 _FAR: Final = 5.0
 """Standard deviations beyond which a reading is named."""
-_BELIEVED: Final = 3.0
-"""Standard deviations of what was known before beyond which a constant is doubted."""
 _Reading = tuple[str, int, str, int, Float, float]
 """Line of the table, number, face, axis, place (3,) m, measured minus nominal coordinate, m."""
 _DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -61,7 +59,7 @@ _DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 def propose(
     cell_file: str | Path, out: str | Path, *, tool: int, feed_mm_min: float, rpm: float, depth_mm: float | None = None
-) -> dict[str, Any]:
+) -> ProposedCoupon:
     """Write the program of the coupon and the table to fill in; all files or none.
 
     Raises:
@@ -87,7 +85,7 @@ def run(
     part: str | Path | None = None,
     sigma_m: float = NOISE_M,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> FirstCut:
     """Identify from a part and write ``cell.toml`` and ``summary.json``; all files or none.
 
     Args:
@@ -131,7 +129,7 @@ def run(
                 patterns = patterns.through(posterior.moved(plan, known, places), lost, fit)
         text = updated_text(cell, _changes(fit, cell), entry, Path(out))
         atomic.write_text(staging / CELL, text)
-        summary = _summary(fit, places, unseen, planned, narrower, cell, job)
+        summary = FirstCut(_summary(fit, places, unseen, planned, narrower, cell, job))
         summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
         write_folder_summary(staging, summary)
     progress(1.0)
@@ -320,32 +318,6 @@ def _entry(
     )
 
 
-def doubts(
-    fit: posterior.Posterior, places: posterior.MeasuredCoordinates, predicted_m: Float, cell: Cell
-) -> list[str]:
-    """Warnings about the readings themselves: axes mirrored against the prediction, constants nobody expects."""
-    out = []
-    for axis in range(3):
-        on = places.axis == axis
-        if float(places.off_m[on] @ predicted_m[on]) < 0.0:
-            out.append(
-                f"readings along {'xyz'[axis]} lie on the other side of nominal than the cell file predicts: "
-                "look at the sign and the axis of the measured part frame"
-            )
-    far = np.flatnonzero(np.abs(fit.value[-3:]) > _BELIEVED * OFFSET_M)
-    if len(far):
-        along = ", ".join(f"{'xyz'[k]} {fit.value[-3:][k] / MM:+.2f} mm" for k in far)
-        out.append(f"all readings are off by {along}: look at the part frame and the zero of the probe")
-    for name, value, variance in zip(fit.names(cell), fit.value, np.diag(fit.before), strict=False):
-        if value**2 > _BELIEVED**2 * variance:
-            out.append(
-                f"{name} is {np.exp(value):.2f} times that of the cell file, beyond {_BELIEVED:g} standard deviations "
-                f"({100.0 * np.sqrt(variance):.0f} % each) of what was known: look at the unit of the readings, tool, "
-                "material and feed"
-            )
-    return out
-
-
 def _digest(path: Path) -> str:
     """SHA-256 of a file; of a folder, of the names and contents of its files."""
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
@@ -357,6 +329,31 @@ def _digest(path: Path) -> str:
 
 def _rms(values: Float) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+class FirstCut(Summary):
+    """Constants found by a coupon."""
+
+    def _shown(self) -> Parts:
+        yield self.rows(
+            "constants",
+            "Found on {places} places",
+            "constant | times that of the cell file=factor:.2f | standard deviation={percent:g} %",
+            "Of each by itself; together they are known better: see below",
+        )
+        yield self.line(
+            "faces off what the cell file predicts by {planned_rms_um:g} um (root mean square), by the new one "
+            "{left_rms_um:g} um; faces left out in turn {left_out_rms_um:g} um"
+        )
+        yield self.line("doubt of the deflection: {doubt_of_deflection_left_percent:g} % of that before")
+        yield from map(Warned, self["warnings"])
+        if self["far_places"]:
+            yield Warned(self.line("far off what all others show, look at them again: places {far_places}"))
+        if self["left_out_rms_um"] >= self["planned_rms_um"]:
+            yield Warned(
+                "a face left out is foretold no better than by the cell file: every face is needed, and programs that "
+                "load the arm otherwise than the coupon may gain little. Measure more places"
+            )
 
 
 def _summary(
@@ -386,5 +383,5 @@ def _summary(
         "left_out_rms_um": round(_rms(unseen) / UM, 1),
         "offset_um": [round(float(v) / UM, 1) for v in fit.value[-3:]],
         "far_places": places.number[far].tolist(),
-        "warnings": doubts(fit, places, places.off_m - planned, cell),
+        "warnings": posterior.doubts(fit, places, places.off_m - planned, cell),
     }

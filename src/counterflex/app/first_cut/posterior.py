@@ -30,7 +30,7 @@ from counterflex.app.prediction_interval import STRUCTURE, drives_yield
 from counterflex.app.unknowns import HANDBOOK, IDENTIFIED, WORN
 from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import silent
-from counterflex.core.units import UM
+from counterflex.core.units import MM, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.compensate import in_fine_stock
 from counterflex.plan.inputs import CompensationInputs
@@ -354,4 +354,32 @@ def _before(names: tuple[str, ...], cell: Cell) -> Float:
         OFFSET_M**2 * np.eye(3),
     ]
     out: Float = scipy.linalg.block_diag(*blocks)
+    return out
+
+
+_BELIEVED: Final = 3.0
+"""Standard deviations of what was known before beyond which a constant is doubted."""
+
+
+def doubts(fit: Posterior, places: MeasuredCoordinates, predicted_m: Float, cell: Cell) -> list[str]:
+    """Warnings about the readings themselves: axes mirrored against the prediction, constants nobody expects."""
+    out = []
+    for axis in range(3):
+        on = places.axis == axis
+        if float(places.off_m[on] @ predicted_m[on]) < 0.0:
+            out.append(
+                f"readings along {'xyz'[axis]} lie on the other side of nominal than the cell file predicts: "
+                "look at the sign and the axis of the measured part frame"
+            )
+    far = np.flatnonzero(np.abs(fit.value[-3:]) > _BELIEVED * OFFSET_M)
+    if len(far):
+        along = ", ".join(f"{'xyz'[k]} {fit.value[-3:][k] / MM:+.2f} mm" for k in far)
+        out.append(f"all readings are off by {along}: look at the part frame and the zero of the probe")
+    for name, value, variance in zip(fit.names(cell), fit.value, np.diag(fit.before), strict=False):
+        if value**2 > _BELIEVED**2 * variance:
+            out.append(
+                f"{name} is {np.exp(value):.2f} times that of the cell file, beyond {_BELIEVED:g} standard deviations "
+                f"({100.0 * np.sqrt(variance):.0f} % each) of what was known: look at the unit of the readings, tool, "
+                "material and feed"
+            )
     return out

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.files.dataset.writer import shop_factors
 from counterflex.geometry import rotation
@@ -14,7 +14,29 @@ from counterflex.identify.data.channels import CHANNELS
 from counterflex.identify.stiffness.frame_pulls import summary
 
 
-def described(path: str | Path) -> dict[str, Any]:
+class DatasetSummary(Summary):
+    """Channels of a dataset, their ranges and what is missing."""
+
+    def _shown(self) -> Parts:
+        before = [None, *(row["channel"] for row in self["channels"])]
+        yield ShownTable.of(
+            self.line("{name}: {kind}, {rows} rows in {groups} groups"),
+            "channel=own | number=component | unit | least=low:.6g | mean:.6g | largest=high:.6g | "
+            "standard deviation=sigma",
+            [
+                row | {"own": row["channel"] if row["channel"] != last else ""}
+                for row, last in zip(self["channels"], before, strict=False)
+            ],
+            self.line("Lines {lines[0]} to {lines[1]} of {file}. SHA-256 {sha256}"),
+        )
+        yield from (f"setting: {key} = {value}" for key, value in self["settings"].items())
+        yield from (f"measuring frame: {line}" for line in (self["frame"] or {"lines": ()})["lines"])
+        if self["without_sigma"]:
+            yield self.line("no standard deviation: {without_sigma}; a recipe that weighs one will ask for it")
+        yield "dataset ok"
+
+
+def described(path: str | Path) -> DatasetSummary:
     """Read a dataset and summarise it in shop units.
 
     Returns:
@@ -47,7 +69,7 @@ def described(path: str | Path) -> dict[str, Any]:
                     "sigma": "" if spread is None else _range(float(np.min(spread)), float(np.max(spread))),
                 }
             )
-    return {
+    answer = {
         "name": data.name,
         "kind": data.kind,
         "rows": len(data),
@@ -60,6 +82,7 @@ def described(path: str | Path) -> dict[str, Any]:
         "frame": summary(data),
         "without_sigma": [name for name, c in data.channels.items() if c.sigma is None],
     }
+    return DatasetSummary(answer)
 
 
 def _range(low: float, high: float) -> str:

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from counterflex.core import atomic, held
 from counterflex.core.errors import FileFormatError
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.files.identification_file import ArchivedRun, keep_inputs, run_name, runs_below
 
 SIGNIFICANT: Final = 3.0
@@ -34,7 +35,32 @@ def keep(
     return folder
 
 
-def history(folder: Path, recipe: str | None = None) -> dict[str, Any]:
+class IdentificationHistory(Summary):
+    """Identifications below a folder, and the values of the latest beside each other."""
+
+    def _shown(self) -> Parts:
+        yield self.rows(
+            "runs",
+            "Identifications",
+            "date | recipe | cell | data | rows | figure | value:D4 | before=nominal:D4 | outliers | folder",
+        )
+        for name, folders in self["not_compared"].items():
+            yield f"note: {name}: not compared, of another cell than the latest: {', '.join(folders)}"
+        for name, rows in self["compared"].items():
+            last = max(len(row["values"]) for row in rows) - 1
+            values = "".join(
+                f"{head}={{values[{i}][value]:D5}} ± {{values[{i}][sigma]:D2}} | "
+                for i, head in enumerate([*(f"{back} before" for back in range(last, 0, -1)), "latest"])
+            )
+            yield ShownTable.of(
+                f"{name}: values of the latest runs, with standard deviations",
+                f"parameter | unit | {values}change / its sd=change_in_sigma:+.1f | =mark",
+                [row | {"mark": "CHANGED" if row["significant"] else ""} for row in rows],
+                "CHANGED: latest and the one before differ by more than 3 standard deviations of their difference.",
+            )
+
+
+def history(folder: Path, recipe: str | None = None) -> IdentificationHistory:
     """All runs below a folder, and per recipe the values of the latest beside each other.
 
     Returns:
@@ -61,7 +87,8 @@ def history(folder: Path, recipe: str | None = None) -> dict[str, Any]:
             compared[name] = _compare(alike[-SHOWN:])
         if len(alike) < len(own):
             others[name] = [run.folder.relative_to(folder).as_posix() for run in own if run not in alike]
-    return {"runs": [run.line(folder) for run in runs], "compared": compared, "not_compared": others}
+    lines = [run.line(folder) for run in runs]
+    return IdentificationHistory(runs=lines, compared=compared, not_compared=others)
 
 
 def _compare(runs: list[ArchivedRun]) -> list[dict[str, Any]]:

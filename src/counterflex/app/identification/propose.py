@@ -5,16 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from counterflex.app.identification.cell_model import Setting, model_of, read_settings, shown_columns, starting_cell
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
+from counterflex.core.result import Parts, Summary
 from counterflex.files.dataset.proposal import PROPOSAL, ROWS, form_names, write_proposal
 from counterflex.files.shop_unit import shop
 from counterflex.identify.data.channels import CHANNELS_OF
 from counterflex.identify.recipe import Proposal, Recipe
 from counterflex.identify.recipes import RECIPES
+
+
+class ProposalSummary(Summary):
+    """Measurements that are proposed."""
+
+    def _shown(self) -> Parts:
+        if self["expected"]:
+            columns = "parameter=name | standard deviation=sigma:D3 | unit"
+            yield self.rows("expected", "Expected from {rows} measurements", columns)
+        yield from self.each("remarks", "note: {}")
 
 
 def propose(
@@ -31,7 +41,7 @@ def propose(
 
 def run(
     name: str, count: int, cell: str | Path, out: str | Path, *, settings: Mapping[str, Setting], seed: int = 0
-) -> dict[str, Any]:
+) -> ProposalSummary:
     """Write a proposal and say what is in it; arguments as for :func:`propose`.
 
     Returns ``recipe``, ``kind``, ``rows``, ``expected`` (name, unit, standard deviation), ``remarks``, ``files``.
@@ -42,7 +52,7 @@ def run(
         unit, factor = shop(proposal.units.get(key, "SI"))
         rows.append({"name": key, "unit": unit, "sigma": float(f"{sigma / factor:.6g}")})
     form = list(form_names(proposal.recipe)) if proposal.kind in CHANNELS_OF else []
-    return {
+    answer = {
         "recipe": proposal.recipe,
         "kind": proposal.kind,
         "rows": len(next(iter(proposal.columns.values()))),
@@ -50,6 +60,7 @@ def run(
         "remarks": list(proposal.remarks),
         "files": [ROWS, PROPOSAL, *proposal.files, *form],
     }
+    return ProposalSummary(answer)
 
 
 def _write(name: str, count: int, cell: Path, out: Path, settings: Mapping[str, Setting], seed: int) -> Proposal:

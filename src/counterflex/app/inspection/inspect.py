@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.app.inspection.judging import How, Inspection, inspect
-from counterflex.app.inspection.summary import InspectedScan
+from counterflex.app.inspection.summary import InspectedScan, InspectionSummary
 from counterflex.app.inspection.tool_log import LogHow
 from counterflex.app.inspection.tool_path import InspectedPath, path_rows
 from counterflex.core import atomic, file_content
@@ -35,7 +35,7 @@ def run(
     tolerances_m: Mapping[tuple[str, str], float] | None = None,
     more: Callable[[Path, dict[str, Any]], None] | None = None,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> InspectionSummary:
     """Do the job on files.
 
     Writes ``deviations.parquet`` (of the last part; ``tool-path.parquet`` of a log), ``summary.json`` and
@@ -69,7 +69,7 @@ def run(
         if more is not None:
             more(staging, inspection.summary)
     progress(1.0)
-    return inspection.summary
+    return InspectionSummary(inspection.summary)
 
 
 def write_folder(inspection: Inspection, program: Path, folder: Path) -> None:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.app.inspection.tool_path import InspectedPath, path_entry
 from counterflex.core.arrays import Float
-from counterflex.core.units import MM, UM, URAD
+from counterflex.core.result import Parts, ShownTable, Summary, fill
+from counterflex.core.units import MM, UM, URAD, plain
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.part_deviations import FACES
@@ -54,6 +54,145 @@ class InspectedScan:
         }
 
 
+WHOLE: Final = 0.9
+"""Less of a feature measured is printed."""
+_FIGURES: Final = (("99.7 %", "p997_mm"), ("largest", "max_mm"), ("rms", "rms_mm"))
+
+
+class InspectionSummary(Summary):
+    """Deviations of measured parts, or of the path of the tool, and what of them was seen."""
+
+    def _shown(self) -> Parts:
+        names, logged = list(self["parts"]), self["judged"] == "tool path"
+        if logged:
+            yield from self._paths()
+        for part in () if logged else self["parts"].values():
+            yield from _scan_lines(part["scan"], part["registration"])
+        for name in names:
+            yield coverage_line(name, self["parts"][name]["coverage"], logged)
+        what = "surface that this path leaves (not measured)" if logged else "measured surface"
+        yield ShownTable.of(
+            f"{self['program']}: deviation of the {what}, mm, along the normal",
+            "surface=0" + self._columns(),
+            [(kind, *(part[kind] for part in self["parts"].values())) for kind in ("surface", "floor", "wall")],
+        )
+        yield from self._partly_seen(logged)
+        if self["features"]:
+            columns = ["feature", "quantity", "nominal", "+-", *(c for name in names for c in (name, "U um", "within"))]
+            rows = [
+                [row["feature"], row["quantity"], f"{row['nominal_mm']:.3f}", f"{row['tolerance_mm']:g}"]
+                + [cell for name in names for cell in _cells(row.get(name))]
+                for row in self["features"]
+            ]
+            note = "U: expanded uncertainty of measurement, k = 2. docs/inspect.md"
+            yield ShownTable("Features: value furthest from nominal, mm", columns, rows, note)
+
+    def _columns(self) -> str:
+        return "".join(
+            f" | {name}: {title}={{{k + 1}[{key}]:.3f}}"
+            for k, name in enumerate(self["parts"])
+            for title, key in _FIGURES
+        )
+
+    def _partly_seen(self, logged: bool) -> Parts:
+        rows = [
+            area | {"feature": feature, "part": name}
+            for name, part in self["parts"].items()
+            for feature, area in part["coverage"]["features"].items()
+            if area["judged_mm2"] < WHOLE * area["machined_mm2"]
+        ]
+        if rows:
+            yield ShownTable.of(
+                "Features measured in part: machined area, mm2",
+                "feature | of=part | machined=machined_mm2:.0f | judged=judged_mm2:.0f | not judged=unjudged_mm2:.0f | "
+                f"{'not logged' if logged else 'not scanned'}=unseen_mm2:.0f",
+                rows,
+                "What was not measured may be out of tolerance. docs/inspect.md#what-was-not-seen",
+            )
+
+    def _paths(self) -> Parts:
+        parts = list(self["parts"].values())
+        for part in parts:
+            frame = "frame: {log[frame]}"
+            if part["log"]["frame_fitted"]:
+                frame = (
+                    "frame fitted to the path, residual {registration[residual_um]:.1f} um, condition "
+                    "{registration[condition]:g}: what a frame absorbs is left out"
+                )
+            yield fill(
+                "{log[file]}: {log[readings]} positions of the tool, {log[position]}; noise {log[noise_um]:.1f} um; "
+                "{log[covered_percent]:g} % of the feed motion; " + frame,
+                part,
+            )
+        paths = [part["path"] for part in parts]
+        rows = [
+            ("across the feed" if key == "path" else key, *(path.get(key) for path in paths))
+            for key in paths[0]
+            if key != "normal"
+        ]
+        rows += [(key.replace("_", " "), *(path["normal"].get(key) for path in paths)) for key in paths[0]["normal"]]
+        yield ShownTable.of(
+            f"{self['program']}: deviation of the path of the tool, mm",
+            "path=0" + self._columns(),
+            rows,
+            "floor, wall left, wall right: along the normal of the surface that the tool makes there. Where it cut: "
+            + parts[0]["log"]["cutting"],
+        )
+
+
+def _scan_lines(scan: dict[str, Any], pose: dict[str, Any]) -> Parts:
+    placed = "taken to be in the part frame"
+    if pose["datum_faces"]:
+        placed = fill("placed by {datum_faces}, residual {residual_um:.1f} um, condition {condition:g}", pose)
+    yield (
+        fill("{file}: {points} points in {unit}, noise {noise_um:.1f} um, {outliers} outliers left out; ", scan)
+        + placed
+    )
+    if scan["cut_away"]:
+        share = 100.0 * scan["cut_away"] / max(scan["points"], 1)
+        yield f"{scan['cut_away']} points ({share:.0f} %) lie beside the blank and are cut away"
+    yield scale_line(scan["scale"])
+
+
+def scale_line(scale: dict[str, Any]) -> str:
+    """One line about the scale of a scan."""
+    if scale["percent"] is None:
+        return "scale of the scan: not known, no two opposite faces of the blank were scanned"
+    value, sigma = scale["percent"], scale["standard_deviation_percent"]
+    each = ", ".join(f"{axis} {one:+.4f} %" for axis, one in scale["directions_percent"].items())
+    line = f"scale of the scan against the blank: {value:+.4f} % +- {sigma:.4f} % ({each})"
+    agree = scale["directions_agree"]
+    other = [axis for axis in scale["directions_percent"] if axis not in agree]
+    if agree and other:
+        line += f"; {', '.join(agree)} agree, and along {', '.join(other)} the blank is of another size"
+    if not scale["significant"]:
+        return line
+    if not agree:
+        return line + ": the blank is of another size, or the scan of another scale; no two directions agree on one"
+    return line + f": {abs(value) * 1000.0:.0f} um over 100 mm. Calibrate the scanner; until then U holds it"
+
+
+def coverage_line(name: str, area: dict[str, Any], logged: bool) -> str:
+    """One line about what of the machined surface was seen and judged."""
+    whole = max(area["machined_mm2"], 1e-9)
+    if logged:
+        missing = area["machined_mm2"] - area["judged_mm2"]
+        return f"{name}: {missing:.0f} of {whole:.0f} mm2 machined ({100.0 * missing / whole:.0f} %) not logged"
+    return (
+        f"{name}: of {whole:.0f} mm2 machined, {area['judged_mm2']:.0f} judged, {area['unjudged_mm2']:.0f} scanned but "
+        f"not judged, {area['unseen_mm2']:.0f} NOT SCANNED ({100.0 * area['unseen_mm2'] / whole:.0f} %)"
+    )
+
+
+def _cells(entry: dict[str, Any] | None) -> list[str]:
+    if entry is None:
+        return ["not found", "", ""]
+    uncertainty = f"{2.0 * entry['standard_deviation_um']:.0f}"
+    share = entry["measured_share"]
+    part = f", {100.0 * share:.0f} % seen" if share < WHOLE else ""
+    return [f"{entry['worst_mm']:.3f}", uncertainty, ("yes" if entry["within"] else "no") + part]
+
+
 def summary_of(
     parts: Mapping[str, InspectedScan | InspectedPath],
     features: tuple[FeatureRow, ...],
@@ -78,11 +217,7 @@ def summary_of(
         },
         "features": [
             {
-                "feature": row.feature,
-                "quantity": row.quantity,
-                "nominal_mm": round(row.nominal_m / MM, 4),
-                "tolerance_mm": round(row.tolerance_m / MM, 4),
-                "tolerance_source": row.tolerance_source,
+                **plain(row, "feature quantity nominal_mm:4 tolerance_mm:4 tolerance_source"),
                 **{
                     name: {
                         "worst_mm": round(row.worst_m[name] / MM, 4),
@@ -112,8 +247,7 @@ def _scale(one: ScaleEstimate) -> dict[str, Any]:
 
 
 def _coverage(one: Coverage) -> dict[str, float]:
-    names = ("machined", "judged", "unjudged", "unseen")
-    return {f"{name}_mm2": round(getattr(one, f"{name}_m2") / MM**2, 1) for name in names}
+    return plain(one, "machined_mm2:1 judged_mm2:1 unjudged_mm2:1 unseen_mm2:1")
 
 
 def _registration(registration: Registration) -> dict[str, Any]:
@@ -142,17 +276,6 @@ def _surface(deviation: SurfaceDeviation) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name in ("surface", "floor", "wall"):
         figures = getattr(deviation, name)
-        out[name] = {
-            "max_mm": _mm(figures.max_m),
-            "p997_mm": _mm(figures.p997_m),
-            "rms_mm": _mm(figures.rms_m),
-            "area_mm2": round(figures.extent / MM**2, 1),
-        }
-    out["surface"]["floor_resolution_mm"] = round(deviation.floor_resolution_m / MM, 3)
-    out["surface"]["wall_resolution_mm"] = round(deviation.wall_resolution_m / MM, 3)
-    out["surface"]["wall_lost_mm2"] = round(deviation.wall_lost_m2 / MM**2, 1)
+        out[name] = plain(figures, "max_mm:4 p997_mm:4 rms_mm:4") | {"area_mm2": round(figures.extent / MM**2, 1)}
+    out["surface"] |= plain(deviation, "floor_resolution_mm:3 wall_resolution_mm:3 wall_lost_mm2:1")
     return out
-
-
-def _mm(value_m: float) -> float | None:
-    return None if math.isnan(value_m) else round(value_m / MM, 4)

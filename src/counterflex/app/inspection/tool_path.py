@@ -12,7 +12,7 @@ from counterflex.app.inputs import Job
 from counterflex.app.inspection.tool_log import ToolLog
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM, UM
+from counterflex.core.units import MM, UM, plain
 from counterflex.cutting.removal import remove_path
 from counterflex.evaluate.figures import DeviationFigures
 from counterflex.evaluate.inspection.nominal_part import NominalPart
@@ -177,10 +177,7 @@ def path_entry(one: InspectedPath) -> dict[str, Any]:
     return {
         "log": {
             "file": one.file,
-            "kind": log.kind,
-            "position": log.position,
-            "frame": log.frame,
-            "frame_fitted": log.fitted,
+            **plain(log, "kind position frame frame_fitted=fitted"),
             "readings": len(log.readings),
             "noise_um": round(track.noise_m / UM, 2),
             "stated_sigma_um": round(log.stated_sigma_m / UM, 2),
@@ -220,9 +217,4 @@ def path_rows(one: InspectedPath, job: Job, cell: Cell) -> ToolPathRows:
 
 
 def _figures(figures: DeviationFigures) -> dict[str, float]:
-    return {
-        "max_mm": round(figures.max_m / MM, 4),
-        "p997_mm": round(figures.p997_m / MM, 4),
-        "rms_mm": round(figures.rms_m / MM, 4),
-        "length_mm": round(figures.extent / MM, 1),
-    }
+    return plain(figures, "max_mm:4 p997_mm:4 rms_mm:4") | {"length_mm": round(figures.extent / MM, 1)}

@@ -11,7 +11,15 @@ from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, faults_in
 from counterflex.app.placement.candidates_table import table_of
 from counterflex.app.placement.operations import per_operation, require_operations
-from counterflex.app.placement.placement import CUTTING, ROUNDING, SEARCHING, TABLE, placement_of, prepared
+from counterflex.app.placement.placement import (
+    CUTTING,
+    ROUNDING,
+    SEARCHING,
+    TABLE,
+    PlacementSummary,
+    placement_of,
+    prepared,
+)
 from counterflex.app.placement.region import Wish
 from counterflex.core import atomic
 from counterflex.core.errors import ReachError
@@ -26,7 +34,7 @@ OPERATIONS: Final = "a place for each operation"
 
 def run(
     program: str | Path, cell_file: str | Path, out: str | Path, *, progress: Progress = silent, **options: Any
-) -> dict[str, Any]:
+) -> PlacementSummary:
     """Write what :func:`~counterflex.app.placement.placement.run` does, with a place for each operation.
 
     One place for all operations may be impossible: then ``candidates.csv`` is not written.
@@ -65,4 +73,4 @@ def run(
         if done is not None:
             atomic.write_text(staging / TABLE, table_of(done.judged, given.cell))
         write_summary(staging / "summary.json", summary)
-    return summary
+    return PlacementSummary(summary)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Parts, ShownTable, Summary, fill
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_with_place
@@ -30,6 +32,7 @@ from counterflex.plan.posture.clearance import kept
 from counterflex.plan.posture.cut_path import Surface
 from counterflex.plan.posture.held import Held, PostureTask, held
 from counterflex.plan.stability.stretches import Stretch, stretches_of
+from counterflex.report.glossary import EXPECTED_NOTE, EXPECTED_UM, MODEL, MODEL_NOTE, MODEL_UM, expected_text
 
 READING, CUTTING, SEARCHING, CHOOSING = "reading the program", "cutting", "searching the place", "choosing the posture"
 TABLE: Final = "candidates.csv"
@@ -253,6 +256,66 @@ def _near(place: Float, other: Float) -> bool:
     return bool(np.linalg.norm(place[:3] - other[:3]) < _APART_M and turn < _APART_RAD and aside < _APART_M)
 
 
+class PlacementSummary(Summary):
+    """Place of the part, of the robot, or of each operation."""
+
+    def _shown(self) -> Parts:
+        axes = "".join(f"{name}={name}:g | " for name in self["external_axes"])
+        if self["chosen"] is not None:
+            yield from self._chosen(axes)
+        if "per_operation" in self:
+            yield from self._operations(axes)
+
+    def _chosen(self, axes: str) -> Parts:
+        rows = [
+            defaultdict(lambda: None, self[name] or {"x_mm": "out of reach", "expected_um": ()}, place=name)
+            for name in ("present", "posture_alone", "chosen")
+        ]
+        for row in rows:
+            row["worth"] = "" if row["expected_um"] == () else expected_text(row)
+        yield ShownTable.of(
+            self.line("{program} on {cell}"),
+            f"place | x mm:g | y mm:g | z mm:g | a deg:g | {axes}branch | rotation deg=rotation_about_tool_deg:g | "
+            f"{EXPECTED_UM}=worth | {MODEL_UM}=deflection_um:g | with lost motion um=error_um:g | damping in cut:g | "
+            "reversals:g | limit margin deg:g | wrist deg:g | clearance mm:g",
+            rows,
+            f"Deflection at rest, not compensated: 99.7 % of the cut stay below it. {EXPECTED_NOTE} With lost motion: "
+            "power mean of the error with lost motion and swing, by the model too.",
+        )
+        for row in self.get("mountings", []):
+            yield _angle(row, self["mounting"])
+        if self["reduction_percent"] is not None:
+            yield self.line("{reduction_percent:g} % less deflection than in the present place and posture")
+        refused = ", ".join(f"{count} {reason}" for reason, count in self["refused"].items())
+        yield f"{self['candidates']} places judged in {self['search_s']:g} s; refused: {refused or 'none'}"
+
+    def _operations(self, axes: str) -> Parts:
+        whole = self["per_operation"]
+        yield self.rows(
+            "operations",
+            "Operations",
+            f"lines={{lines[0]}}-{{lines[1]}} | cut mm:g | {axes}{MODEL_UM}=error_um:g | in one place um:g",
+            "One posture for all: {per_operation[branch]}, {per_operation[rotation_about_tool_deg]:g} deg about the "
+            f"tool. {MODEL_NOTE}",
+        )
+        if whole["in_one_place_um"] is None:
+            yield f"one place for all cannot be run ({self.get('one_place_refused', 'in this posture')})"
+        else:
+            yield f"{whole['moves']} moves between operations, {MODEL}: " + fill(
+                "{error_um:g} um of error, {reduction_percent:g} % less than {in_one_place_um:g} um in the best place "
+                "for all",
+                whole,
+            )
+
+
+def _angle(row: dict[str, Any], made: dict[str, Any]) -> str:
+    best_um = row["deflection_um"]
+    worth = row["refused"] if best_um is None else f"{best_um:g} um in its best place ({MODEL})"
+    marks = [word for word in ("present", "chosen") if row["angle_deg"] == made[f"{word}_deg"]]
+    remark = f" ({', '.join(marks)})" if marks else ""
+    return f"{made['body']}.{made['key']} = {row['angle_deg']:g}: {worth}{remark}"
+
+
 def run(
     program: str | Path,
     cell_file: str | Path,
@@ -261,7 +324,7 @@ def run(
     mounting: Mounting | None = None,
     progress: Progress = silent,
     **options: Any,
-) -> dict[str, Any]:
+) -> PlacementSummary:
     """Write ``cell.toml`` with the chosen place, ``candidates.csv`` and ``summary.json`` into ``out``: all or none.
 
     Args:
@@ -282,7 +345,7 @@ def run(
         atomic.write_text(staging / "cell.toml", text)
         atomic.write_text(staging / TABLE, table_of(done.judged, cell))
         write_summary(staging / "summary.json", done.summary)
-    return done.summary
+    return PlacementSummary(done.summary)
 
 
 def _best_mounting(

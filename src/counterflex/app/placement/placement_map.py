@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,6 +19,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
@@ -28,6 +29,7 @@ from counterflex.plan.placement.search import PlacementBounds
 from counterflex.plan.posture.cut_path import Surface
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.report.data import Head
+from counterflex.report.glossary import MODEL_NOTE, MODEL_UM
 from counterflex.report.page import render
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 
@@ -39,34 +41,6 @@ _FIGURES: Final = {
     "first_mode_hz": ("First natural frequency", "Hz"),
 }
 """Title and unit."""
-
-
-@dataclass(frozen=True, eq=False)
-class MapData:
-    """Everything on the page."""
-
-    summary: Mapping[str, Any]
-    rows: Sequence[Mapping[str, Any]]  # Of ``map.csv``
-
-    def page(self) -> str:
-        """The page, as HTML text."""
-        summary = self.summary
-        figures, listed = {}, []
-        for key, (title, unit) in _FIGURES.items():
-            for view in _VIEWS:
-                name = f"{key}_{view}"
-                figures[name] = map_figure(self.rows, summary["present"], view, key)
-                place = "at the present height" if view == "level" else "at the present y"
-                listed.append({"name": name, "title": f"{title}, {unit}, {place}"})
-        best = summary["best"]["level"]
-        present = summary["present"]["deflection_um"]
-        verdict = "The program can be run in no place of the map."
-        if best is not None:
-            verdict = f"Least deflection by the model at this height: {best['deflection_um']:g} um"
-            verdict += f" at x {best['x_mm']:g}, y {best['y_mm']:g} mm"
-            verdict += "." if present is None else f"; {present:g} um in the present place."
-        head = Head(f"Working space: {summary['program']}", f"{summary['cell']}, {summary['robot']}")
-        return render("placement_map.html.j2", figures, [], data=head, summary=summary, verdict=verdict, listed=listed)
 
 
 def _grid(at: Mapping[tuple[Any, Any], Mapping[str, Any]], x: list[Any], y: list[Any], key: str, missing: Any) -> Any:
@@ -113,6 +87,38 @@ VIEWS: Final = {"level": ("x_mm", "y_mm"), "upright": ("x_mm", "z_mm")}
 FIGURES: Final = ("deflection_um", "stiffness_n_per_um", "first_mode_hz")
 
 
+class PlacementMap(Summary):
+    """Working space of a cell for a program."""
+
+    def _shown(self) -> Parts:
+        best = {"present": self["present"], **{f"best, {view}": row for view, row in self["best"].items()}}
+        rows = [defaultdict(lambda: None, row or {}, place=name) for name, row in best.items()]
+        columns = "place | x mm:g | y mm:g | z mm:g | {}=deflection_um:g | softest N/um=stiffness_n_per_um:g | "
+        columns = columns.format(MODEL_UM) + "first mode Hz=first_mode_hz:g | margin deg:g"
+        note = f"Deflection without compensation. {MODEL_NOTE}"
+        yield ShownTable.of(self.line("{program} on {cell}"), columns, rows, note)
+        yield self.line("{places} places, {refused} of them refused")
+
+    def page(self, rows: Sequence[Mapping[str, Any]]) -> str:
+        """The page, as HTML text; rows of ``map.csv``."""
+        figures, listed = {}, []
+        for key, (title, unit) in _FIGURES.items():
+            for view in _VIEWS:
+                name = f"{key}_{view}"
+                figures[name] = map_figure(rows, self["present"], view, key)
+                place = "at the present height" if view == "level" else "at the present y"
+                listed.append({"name": name, "title": f"{title}, {unit}, {place}"})
+        best = self["best"]["level"]
+        present = self["present"]["deflection_um"]
+        verdict = "The program can be run in no place of the map."
+        if best is not None:
+            verdict = f"Least deflection by the model at this height: {best['deflection_um']:g} um"
+            verdict += f" at x {best['x_mm']:g}, y {best['y_mm']:g} mm"
+            verdict += "." if present is None else f"; {present:g} um in the present place."
+        head = Head(f"Working space: {self['program']}", f"{self['cell']}, {self['robot']}")
+        return render("placement_map.html.j2", figures, [], data=head, summary=self, verdict=verdict, listed=listed)
+
+
 def run(
     program: str | Path,
     cell_file: str | Path,
@@ -123,7 +129,7 @@ def run(
     wish: Wish | None = None,
     points: int = POINTS,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> PlacementMap:
     """Write ``map.csv``, ``report.html`` and ``summary.json`` into ``out``: all or none.
 
     Args:
@@ -165,8 +171,9 @@ def run(
 
         atomic.write_text(staging / TABLE, pl.DataFrame(rows, infer_schema_length=None).write_csv())
         write_summary(staging / "summary.json", summary)
-        write_page(MapData(summary, rows).page(), staging / "report.html")
-    return summary
+        result = PlacementMap(summary)
+        write_page(result.page(rows), staging / "report.html")
+    return result
 
 
 def _places(region: PlacementBounds, here: Float, points: int) -> list[tuple[str, Float]]:

@@ -27,13 +27,15 @@ from counterflex.core import atomic, file_content, held as file_lock
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import MM, MS, N_PER_MM, UM
+from counterflex.core.result import Parts, ShownTable, Summary
+from counterflex.core.units import MM, N_PER_MM, plain
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.files.cell.monitor import feed_exponent
 from counterflex.files.cell.update import new_file, require_new, updated_text, write_new
 from counterflex.files.identification_file import parameter_rows, write_identification
 from counterflex.files.plan_file import read_plan
+from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE, SensorAccuracy
 from counterflex.identify.cutting.force_forms import NAMES
 from counterflex.identify.cutting.steady_cuts import Cutting
@@ -150,6 +152,34 @@ def checked_settings(values: Mapping[str, Setting], seed: int) -> dict[str, Any]
     return out
 
 
+_WEAR_WORDS = {
+    "beyond": "worn beyond its limit",
+    "at": "perhaps beyond its limit",
+    "within": "within its limit",
+    "unknown": "not known",
+}
+
+
+class ProductionResult(Summary):
+    """Constants of tool and material, and the runs with the factor of each."""
+
+    def _shown(self) -> Parts:
+        figures = [one | {"unit": unit_of_name(one["name"])} for one in (*self["headline"], *self["figures"])]
+        title = self.line("Production with T{tool} in {material}: {cell}")
+        yield ShownTable.of(title, "figure=text | found=value:D4 | stated=nominal:D4 | unit", figures)
+        yield self.rows(
+            "runs",
+            f"Force over the life of the tool: {_WEAR_WORDS[self['wear']]}",
+            "run | edge={edge}{new_edge: new: %s} | cut by it m=edge_cut_m:.3f | removed cm3=edge_removed_cm3:.2f | "
+            "force=factor:.4f | standard deviation=factor_sigma:.4f | event | "
+            "delay ms={delay_ms:g} +- {delay_sigma_ms:g}",
+        )
+        yield from self.each("remarks", "note: {}")
+        if "applied" in self:
+            runs = ", ".join(row["run"] for row in self["runs"][:4])
+            yield f"wrote {self['applied']['cell']}: constants of {runs}"
+
+
 def run(
     folders: Sequence[Path],
     cell_file: Path,
@@ -160,7 +190,7 @@ def run(
     seed: int = 0,
     apply: Path | None = None,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> ProductionResult:
     """Write ``result.json``, ``report.html`` and the new runs in ``runs/``: all of them or none.
 
     Args:
@@ -185,7 +215,7 @@ def run(
     parts[WRITING](0.0)
     date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     identification = identification_of(produced)
-    result = result_of(produced, identification, date)
+    result = ProductionResult(result_of(produced, identification, date))
     with new_file(apply) as place, file_lock.alone(out), atomic.atomic_folder(out) as staging:
         require_unchanged(out, len(produced.runs) - len(produced.new))
         if apply is not None and place is not None:
@@ -302,11 +332,8 @@ def _taken(
         "cut_mm": round(result.cut_m / MM, 3),
         "removed_cm3": round(result.volume_m3 * 1e6, 4),
         "contact_s": round(result.contact_s, 3),
-        "delay_ms": round(at.delay_s / MS, 2),
-        "delay_sigma_ms": round(at.delay_sigma_s / MS, 2),
-        "edges": at.edges,
-        "zero_drift_n": [round(float(v), 2) for v in result.zero_drift_n],
-        "largest_online_um": round(result.online_m / UM, 1),
+        **plain(at, "delay_ms:2 delay_sigma_ms:2 edges"),
+        **result.shown(),
     }
     return KeptRun(result.stretches, facts)
 

@@ -15,7 +15,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.production.history import KeptRun
 from counterflex.core.arrays import Float
-from counterflex.core.units import MM, N_PER_MM, N_PER_MM2, UM
+from counterflex.core.units import MM, N_PER_MM, N_PER_MM2, UM, plain
 from counterflex.files.cell.cell import Cell
 from counterflex.files.identification_file import figure_rows, fit_table
 from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, constants
@@ -306,11 +306,7 @@ def _place(runs: Sequence[KeptRun], row: int) -> str:
 def _drift(p: Produced) -> dict[str, Any]:
     grown = p.drift
     return {
-        "known": grown.is_known,
-        "significant": grown.is_significant,
-        "scatter": round(grown.scatter, 5),
-        "shape": grown.shape,
-        "shape_chance": round(grown.shape_chance, 4),
+        **plain(grown, "known=is_known significant=is_significant scatter:5 shape shape_chance:4"),
         "expected": [round(float(v), 5) for v in grown.factor],
         "level_percent": 100.0 * LEVEL,
         "events": [
@@ -358,10 +354,7 @@ def result_of(p: Produced, identification: Identification, date: str) -> dict[st
             {"constants": c.level, "index": round(c.index, 2), "alike": list(c.alike)} for c in estimate.conditions
         ],
         "difference": {
-            "chance": estimate.difference.chance,
-            "chance_in_prior": estimate.difference.chance_in_prior,
-            "chi_square": round(estimate.difference.statistic, 3),
-            "constants": estimate.difference.count,
+            **plain(estimate.difference, "chance chance_in_prior chi_square=statistic:3 constants=count"),
         },
         "proposed": p.is_proposed,
         "runs": run_rows(p),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,7 +26,8 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import MM
+from counterflex.core.result import Parts, Summary
+from counterflex.core.units import MM, plain
 from counterflex.evaluate.inspection.cad_rows import CadFeatures
 from counterflex.evaluate.inspection.mesh_shape import CadSolid
 from counterflex.files.cell.cell import Cell, read_cell
@@ -41,27 +41,6 @@ from counterflex.report.figure_data import numbers
 from counterflex.report.page import render
 
 _SPAN = 3.0  # Deviations are shown up to this many tolerances; what is further off counts at the ends
-
-
-@dataclass(frozen=True, eq=False)
-class QuoteData:
-    """Everything on the page."""
-
-    summary: Mapping[str, Any]
-    off_mm: Sequence[Float]  # Of each feature, (draws,) mm
-
-    def page(self) -> str:
-        """The page, as HTML text."""
-        summary = self.summary
-        whole = summary["all_hold"]
-        low, high = (100.0 * value for value in whole["probability_90"])
-        verdict = (
-            f"All tolerances that are looked at hold with a probability of {100.0 * whole['probability']:.0f} % "
-            f"({low:.0f} to {high:.0f} % by {summary['draws']} drawn cells)."
-        )
-        head = Head(f"Quotation: {summary['part']}", f"{summary['program']} on {summary['cell']}, {summary['robot']}")
-        figures = {"off": _figure(summary["features"], self.off_mm)}
-        return render("quote.html.j2", figures, [], data=head, summary=summary, verdict=verdict)
 
 
 def _figure(features: Sequence[Mapping[str, Any]], off_mm: Sequence[Float]) -> dict[str, Any]:
@@ -112,6 +91,41 @@ READING, PLANNING, DRAWING, COMPARING = "reading", "planning", "drawing cells", 
 WORK: Final = {READING: 1.0, PLANNING: 3.0, DRAWING: 4.0, COMPARING: 12.0}
 
 
+class Quotation(Summary):
+    """Quotation of a part."""
+
+    def _shown(self) -> Parts:
+        yield self.rows(
+            "features",
+            "{part}: {program} on {cell}",
+            "feature | quantity | nominal mm:.3f | tolerance mm:.3f | held with %=probability!p:.1f | "
+            "uncompensated %=probability_as_it_is!p:.1f | 9 of 10 hold mm=tolerance_held_90_mm:.3f",
+        )
+        yield self.line(
+            "all of them hold with {all_hold[probability]!p:.1f} % ({all_hold[probability_90][0]!p:.1f} to "
+            "{all_hold[probability_90][1]!p:.1f} % by {draws} draws)"
+        )
+        yield self["judged"]
+        columns = "remedy | all hold %=all_hold!p:.1f | gain %=gain!p:+.1f | mean gain %=mean_gain!p:+.1f"
+        yield self.rows("remedies", "What raises it most", columns)
+        yield "not looked at:"
+        yield from self.each("remedies_not_looked_at", "  {remedy}: {why}")
+        yield from self.each("not_looked_at", "  {what}: {why}")
+        yield self.line("  {causes_not_looked_at}")
+
+    def page(self, off_mm: Sequence[Float]) -> str:
+        """The page, as HTML text; ``off_mm``: of each feature, (draws,) mm."""
+        whole = self["all_hold"]
+        low, high = (100.0 * value for value in whole["probability_90"])
+        verdict = (
+            f"All tolerances that are looked at hold with a probability of {100.0 * whole['probability']:.0f} % "
+            f"({low:.0f} to {high:.0f} % by {self['draws']} drawn cells)."
+        )
+        head = Head(f"Quotation: {self['part']}", f"{self['program']} on {self['cell']}, {self['robot']}")
+        figures = {"off": _figure(self["features"], off_mm)}
+        return render("quote.html.j2", figures, [], data=head, summary=self, verdict=verdict)
+
+
 def quote(
     part: Path,
     program: Path,
@@ -120,7 +134,7 @@ def quote(
     reading: Reading = AS_IT_IS,
     placements: int = 0,
     progress: Progress = silent,
-) -> tuple[Quoted, dict[str, Any]]:
+) -> tuple[Quoted, Quotation]:
     """Quote a part before any cut.
 
     Args:
@@ -173,7 +187,7 @@ def quote(
         "counterflex": __version__,
     }
     progress(1.0)
-    return quoted, summary
+    return quoted, Quotation(summary)
 
 
 def drawing_of(part: Path, program: Path, cell: Cell, reading: Reading = AS_IT_IS) -> QuotedPart:
@@ -205,7 +219,7 @@ def run(
     assume_class: bool = False,
     progress: Progress = silent,
     **options: Any,
-) -> dict[str, Any]:
+) -> Quotation:
     """Write ``report.html`` and ``summary.json`` into ``out``: both or none.
 
     Args:
@@ -219,7 +233,7 @@ def run(
         quoted, summary = quote(part, program, cell, progress=progress, **options)
         summary |= {"inputs": inputs}
         write_folder_summary(staging, summary)
-        write_page(QuoteData(summary, [one.off_m / MM for one in quoted.features]).page(), staging / REPORT)
+        write_page(summary.page([one.off_m / MM for one in quoted.features]), staging / REPORT)
     return summary
 
 
@@ -241,11 +255,7 @@ def _share(share: Share) -> dict[str, Any]:
 
 def _feature(one: DrawnFeature, before: DrawnFeature | None) -> dict[str, Any]:
     return {
-        "feature": one.feature,
-        "quantity": one.quantity,
-        "nominal_mm": round(one.nominal_m / MM, 4),
-        "tolerance_mm": round(one.tolerance_m / MM, 4),
-        "tolerance_source": one.tolerance_source,
+        **plain(one, "feature quantity nominal_mm:4 tolerance_mm:4 tolerance_source"),
         **_share(one.held()),
         "probability_as_it_is": None if before is None else round(before.held().probability, 4),
         "off_90_mm": [round(value / MM, 4) for value in one.off_90_m],

@@ -17,6 +17,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Parts, Summary
 from counterflex.core.units import MM, MS, UM
 from counterflex.evaluate.iso230.circular_test import (
     CLOCKWISE,
@@ -36,6 +37,36 @@ _STRAIGHT_M: Final = 1.0 * UM
 _NEARER: Final = (0.3, 0.1, 0.05, 0.05)
 
 
+class CircularTest(Summary):
+    """Turns of a circular test, and pairs of both directions."""
+
+    def _shown(self) -> Parts:
+        names = ["G_um", "G_lsc_um", "F_max_um", "F_min_um", "F_nominal_max_um", "F_nominal_min_um", "axial_um"]
+        names = [name for name in names if any(row.get(name) is not None for row in self["turns"])]
+        figures = "".join(f"{name.removesuffix('_um').replace('_', ' ')}={name}?:.1f | " for name in names)
+        title = self.line("Turns about a nominal radius of {radius_mm:g} mm, um") or "Turns, um"
+        yield self.rows("turns", title, f"turn | direction | {figures}radius mm:.4f")
+        if self["bi_directional"]:
+            columns = "pair | G(b)=G_b_um:.1f | G(b) lsc=G_b_lsc_um:.1f | D=D_um:.1f | H (1996)=H_um:.1f"
+            yield self.rows("bi_directional", "Both directions, um", columns)
+        yield self.line(CONDITIONS)
+
+
+class StraightnessTest(Summary):
+    """Straightness of the stretches of a path."""
+
+    def _shown(self) -> Parts:
+        names = ("horizontal", "horizontal_ls", "vertical", "vertical_ls", "cylinder", "cylinder_ls")
+        figures = "".join(f" | {name.replace('_', ' ')}={name}_um:.1f" for name in names)
+        title = "Straightness, um: minimum zone and least squares (ls)"
+        columns = f"stretch | cycle | length mm:.1f{figures}"
+        yield self.rows("stretches", title, columns, "left out: {ends_left_out}")
+        yield self.line(CONDITIONS)
+
+
+CONDITIONS: Final = "frame: {frame}; filter: {filter}; commanded: {commanded}"
+
+
 def circular(
     files: Sequence[str | Path],
     out: str | Path | None = None,
@@ -46,7 +77,7 @@ def circular(
     form: str = OWN,
     average_ms: float = 0.0,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> CircularTest:
     """Judge circular paths by ISO 230-4; with ``out``, write tables, ``summary.json`` and ``report.html``.
 
     Args:
@@ -94,7 +125,7 @@ def circular(
         table = pl.concat([_turn_table(k, turn) for k, turn in enumerate(each, 1)])
         _write(out, summary, pl.DataFrame(rows), table, circle_page(summary, each))
     progress(1.0)
-    return summary
+    return CircularTest(summary)
 
 
 def _radius(nominal: Circle | None, stated_mm: float | None) -> float | None:
@@ -125,7 +156,7 @@ def straight(
     form: str = OWN,
     average_ms: float = 0.0,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> StraightnessTest:
     """Judge the straight stretches of a path; with ``out``, write tables, ``summary.json`` and ``report.html``.
 
     Args:
@@ -163,7 +194,7 @@ def straight(
         table = pl.concat([_straight_table(k + 1, rests(p)) for k, (_, p) in enumerate(parts)])
         _write(out, summary, pl.DataFrame(rows), table, straight_page(summary, [p for _, p in parts]))
     progress(1.0)
-    return summary
+    return StraightnessTest(summary)
 
 
 def _read(

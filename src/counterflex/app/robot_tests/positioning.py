@@ -11,6 +11,7 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.core import atomic
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.iso230.positioning import Positioning, TargetFigures
 from counterflex.files.positioning_file import read_approaches
@@ -33,7 +34,22 @@ FIGURES: Final = {
 """Letters of the standard to attributes of the result."""
 
 
-def judge_positioning(file: str | Path, out: str | Path | None = None) -> dict[str, Any]:
+class PositioningTest(Summary):
+    """Positioning of one axis."""
+
+    def _shown(self) -> Parts:
+        figures = self["figures"]
+        rows = [(letter, *(figures.get(f"{letter}{way}_um") for way in ("", "_up", "_down"))) for letter in "AREMB"]
+        yield ShownTable.of(
+            self.line("Positioning over {length_mm:g} mm, um"),
+            "figure=0 | both directions=1:.1f | up=2:.1f | down=3:.1f",
+            rows,
+            "up: towards larger targets; not corrected to 20 degC",
+        )
+        yield from self.each("not_by_standard", "not by ISO 230-2: {}")
+
+
+def judge_positioning(file: str | Path, out: str | Path | None = None) -> PositioningTest:
     """Judge an axis by ISO 230-2; with ``out``, write tables, ``summary.json`` and ``report.html``.
 
     Args:
@@ -55,7 +71,7 @@ def judge_positioning(file: str | Path, out: str | Path | None = None) -> dict[s
     }
     if out is not None:
         _write(out, summary, result)
-    return summary
+    return PositioningTest(summary)
 
 
 def _row(one: TargetFigures) -> dict[str, Any]:

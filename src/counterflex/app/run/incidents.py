@@ -48,8 +48,7 @@ def shown_process(figures: ProcessFigures | None) -> dict[str, Any]:
             "sigma_percent_per_m": round(100.0 * wear.sigma_per_m, 3) if wear.known else None,
             "range95_percent_per_m": round(100.0 * wear.range_per_m, 3) if wear.known else None,
         },
-        "slowed_share": round(figures.slowed, 4),
-        "least_speed": round(figures.least_speed, 3),
+        **figures.shown(),
     }
 
 
@@ -57,10 +56,7 @@ def shown_event(event: ProcessEvent) -> dict[str, Any]:
     """A process event in shop units."""
     unit, what = _SHOWN[event.event]
     return {
-        "event": event.event.name.lower(),
-        "cycle": event.cycle,
-        "time_s": round(event.time_s, 3),
-        "path_mm": round(event.path_m / MM, 3),
+        **event.shown(),
         "value": round(event.value / unit, 3),
         "limit": round(event.limit / unit, 3),
         "unit": what,
@@ -91,13 +87,8 @@ class Numbered:
         incident = self.incident
         return {
             "number": self.number,
-            "cycle": incident.cycle,
-            "time_s": round(incident.time_s, 3),
-            "state": incident.state.name.lower(),
-            "cause": incident.cause.name.lower(),
+            **incident.shown(),
             "before": "" if incident.before is None else incident.before.name.lower(),
-            "path_distance_mm": round(incident.path_m / MM, 3),
-            "cycles_since_telegram": incident.elapsed,
         }
 
 

@@ -15,12 +15,13 @@ from counterflex import __version__
 from counterflex.app.environment import environment
 from counterflex.app.run.incidents import numbered, shown_process
 from counterflex.app.run.job_check import cell_of_run
+from counterflex.app.run.log_summary import LogSummary
 from counterflex.app.run.loop import loop_plan, online_loop
 from counterflex.app.run.missing import LogMissing
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Int
 from counterflex.core.progress import Progress, silent
-from counterflex.core.units import NS, UM
+from counterflex.core.units import NS, UM, plain
 from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import Percentiles
 from counterflex.evaluate.run_record import RunFigures, RunRecord
@@ -39,7 +40,7 @@ FORCE_SENSORS: Final = ("none", "flange sensor", "holder", "both")
 """What of two force sensors is used, by its bits."""
 
 
-def show(folder: str | Path, *, brief: bool = False) -> dict[str, Any]:
+def show(folder: str | Path, *, brief: bool = False) -> LogSummary:
     """Summary of a run log.
 
     Args:
@@ -78,7 +79,7 @@ def show(folder: str | Path, *, brief: bool = False) -> dict[str, Any]:
     for number, lost in missing.end(folder).at_end.items():
         runs[number].end(lost)
     incidents = numbered(finders)
-    return {
+    answer = {
         "segments": names,
         **missing.shown(),
         "incomplete": missing.incomplete,
@@ -98,6 +99,7 @@ def show(folder: str | Path, *, brief: bool = False) -> dict[str, Any]:
         ],
         "counterflex": __version__,
     }
+    return LogSummary(folder, answer)
 
 
 def _action(facts: dict[str, Any], begin_ns: int | None) -> dict[str, Any]:
@@ -129,35 +131,15 @@ def _facts(about: dict[str, Any]) -> dict[str, Any]:
 
 def _shown(figures: RunFigures) -> dict[str, Any]:
     return {
-        "records": figures.records,
-        "records_lost": figures.records_lost,
-        "answered": figures.answered,
-        "waited": figures.waited,
-        "telegrams_lost": figures.telegrams_lost,
-        "seconds": round(figures.time_s, 3),
+        **figures.shown(),
         "states": {
             s.name.lower(): {"cycles": cycles, "seconds": round(t, 3)} for s, (cycles, t) in figures.states.items()
         },
         "causes": {cause.name.lower(): count for cause, count in figures.causes.items()},
-        "changes": [
-            {
-                "cycle": change.cycle,
-                "time_s": round(change.time_s, 3),
-                "from": change.before.name.lower(),
-                "to": change.after.name.lower(),
-                "cause": change.cause.name.lower(),
-            }
-            for change in figures.changes
-        ],
+        "changes": [change.shown() for change in figures.changes],
         "sources": {level(s): cycles for s, cycles in figures.sources.items()},
         "sources_changes": [
-            {
-                "cycle": change.cycle,
-                "time_s": round(change.time_s, 3),
-                "from": level(change.before),
-                "to": level(change.after),
-                "cause": change.cause.name.lower(),
-            }
+            change.shown() | {"from": level(change.before), "to": level(change.after)}
             for change in figures.sources_changes
         ],
         "force_sensors": {FORCE_SENSORS[k]: cycles for k, cycles in figures.pair.items()},
@@ -173,8 +155,7 @@ def _shown(figures: RunFigures) -> dict[str, Any]:
         ],
         **shown_process(figures.process),
         "reply_us": None if figures.reply is None else micro(figures.reply),
-        "largest_correction_um": round(figures.largest_m / UM, 2),
-        "largest_step_um": round(figures.largest_step_m / UM, 3),
+        **plain(figures, "largest_correction_um=largest_m:2 largest_step_um:3"),
     }
 
 

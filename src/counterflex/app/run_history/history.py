@@ -11,6 +11,8 @@ from counterflex.app.run_history.logged_run import read_runs
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Parts, ShownTable, Summary
+from counterflex.core.units import plain
 from counterflex.evaluate.run_curves import trend
 from counterflex.files.summary_file import write_summary
 
@@ -31,6 +33,39 @@ def _mean(row: dict[str, Any], place: int) -> float | None:
     return None if values is None else float(values[place])
 
 
+_COLUMNS: Final = (
+    "begun (UTC)=begun | program | folder | run | s=seconds:g | path %=share_percent:g | predicted um:g | "
+    "corrected um:g | remaining (model) um=remaining_um:g | measured um:g | force N=force_peak_n:g | incidents | "
+    "answer p99 us=reply_p99_us:g | telegrams lost"
+)
+
+
+class RunHistory(Summary):
+    """Runs below a folder, and trends over those of the same program."""
+
+    def _shown(self) -> Parts:
+        rows = [
+            row
+            | {
+                "reply_p99_us": (row["reply_us"] or {}).get("p99"),
+                "folder": Path(row["folder"]).name,
+                "begun": None if row["begun"] is None else row["begun"][:19].replace("T", " "),
+            }
+            for row in self["runs"]
+        ]
+        yield ShownTable.of("Runs", " | ".join(f"{one.strip()}~-" for one in _COLUMNS.split("|")), rows)
+        for program in self["programs"]:
+            if program["trends"]:
+                words = {True: "changes", False: "no change to be told"}
+                yield ShownTable.of(
+                    f"Trends of {program['program'] or program['program_sha256'][:12]}, {len(program['runs'])} runs",
+                    "figure=title | unit | mean:g | change per run=slope_per_run:+g | +- (95 %)=half_width95:g | "
+                    "verdict=said",
+                    [one | {"said": words[one["clear"]]} for one in program["trends"]],
+                )
+        yield from self.each("unreadable", "cannot be read: {folder}: {why}")
+
+
 def log_folders(folder: Path) -> list[Path]:
     """Folders with a run log: this one and those below it, by name. Raises FileFormatError: there is none."""
     folders = sorted({file.parent for file in folder.rglob("run-*.mcap")})
@@ -41,7 +76,7 @@ def log_folders(folder: Path) -> list[Path]:
     return folders
 
 
-def history(folder: Path, out: Path | None = None, progress: Progress = silent) -> dict[str, Any]:
+def history(folder: Path, out: Path | None = None, progress: Progress = silent) -> RunHistory:
     """Runs below a folder; with ``out``, write ``report.html`` and ``summary.json``.
 
     Args:
@@ -85,7 +120,7 @@ def history(folder: Path, out: Path | None = None, progress: Progress = silent) 
             write_page(history_page(summary), staging / "report.html")
             write_summary(staging / "summary.json", summary)
     progress(1.0)
-    return summary
+    return RunHistory(summary)
 
 
 def _programs(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -105,11 +140,7 @@ def _programs(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                     "figure": name,
                     "title": title,
                     "unit": unit,
-                    "runs": one.runs,
-                    "mean": round(one.mean, 4),
-                    "slope_per_run": round(one.slope, 5),
-                    "half_width95": round(one.half_width, 5),
-                    "clear": one.clear,
+                    **plain(one, "runs mean:4 slope_per_run=slope:5 half_width95=half_width:5 clear"),
                 }
                 for name, (title, unit, of) in TRENDS.items()
                 if (one := trend([of(row) for row in runs])) is not None

@@ -9,6 +9,7 @@ from counterflex import __version__
 from counterflex.app.run_history.logged_run import RunOfHistory
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.files.summary_file import write_summary
 from counterflex.report.page import write_page
 from counterflex.report.run_history.page import ShownRun, runs_page
@@ -39,7 +40,7 @@ def flat(row: dict[str, Any]) -> dict[str, float | None]:
     return {name: (rest | row)[name] for name in COMPARED}
 
 
-def page(folder: Path, out: Path, number: int | None = None) -> dict[str, Any]:
+def page(folder: Path, out: Path, number: int | None = None) -> LoggedRunSummary:
     """Open a log again: one run as a page.
 
     Args:
@@ -55,12 +56,32 @@ def page(folder: Path, out: Path, number: int | None = None) -> dict[str, Any]:
         "counterflex": __version__,
     }
     _write(out, summary, [run], [])
-    return summary
+    return LoggedRunSummary(summary)
+
+
+class LoggedRunSummary(Summary):
+    """A run of a log."""
+
+    def _shown(self) -> Parts:
+        rows = [(COMPARED[name], value) for name, value in flat(self).items()]
+        yield ShownTable.of(f"Run {self['run']}", "figure=0 | value=1:g~-", rows)
+
+
+class ComparedRuns(Summary):
+    """Two runs beside each other."""
+
+    def _shown(self) -> Parts:
+        yield ShownTable.of(
+            "Two runs",
+            "figure=title | first:g~- | second:g~- | difference:+g~-",
+            [one | {"title": COMPARED[name]} for name, one in self["figures"].items()],
+            "" if self["same_program"] else "the runs are not of the same program, or it is not known",
+        )
 
 
 def compare(
     first: Path, second: Path, out: Path, numbers: tuple[int | None, int | None] = (None, None)
-) -> dict[str, Any]:
+) -> ComparedRuns:
     """Two runs beside each other: figures with their differences, and curves on the same axis.
 
     Args:
@@ -100,7 +121,7 @@ def compare(
         "counterflex": __version__,
     }
     _write(out, summary, runs, notes)
-    return summary
+    return ComparedRuns(summary)
 
 
 def _difference(first: float | None, second: float | None) -> float | None:

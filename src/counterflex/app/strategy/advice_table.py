@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,12 +14,88 @@ from counterflex.app.robot_programs import with_files
 from counterflex.app.strategy.advice import Advice, WallOperation, advise
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, silent
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import MM, MM_PER_MIN, RPM, UM, UM_PER_KN
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import SUMMARY, write_summary
 from counterflex.plan.strategy.advise import Choices
 from counterflex.plan.strategy.zero import normal_errors, normal_force, zero_width
+from counterflex.report.glossary import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text, line_of
+
+
+class RankedWays(Summary):
+    """Ways to finish a wall, the best first."""
+
+    def _shown(self) -> Parts:
+        listed = [(str(i + 1), row) for i, row in enumerate(self["choices"])]
+        if self["before"] is not None:
+            listed.insert(0, ("before", self["before"]))
+        rows = [
+            {
+                **row,
+                "name": name,
+                "more": f" x {row['levels']}" if row["levels"] > 1 else "",
+                "worth": expected_text(row),
+                "limit": _limit(row),
+            }
+            for name, row in listed
+        ]
+        yield ShownTable.of(
+            f"{self['program'] or 'wall'} on {self['cell']}, {self['material']}",
+            "=name | milling | a_e mm=ae_mm:g | a_p mm={ap_mm:g}{more} | f_z mm=fz_mm:g | rpm=spindle_rpm:g | "
+            f"{EXPECTED_UM}=worth | up to um:.1f | {MODEL_UM}=error_um:+.1f | F normal N=normal_n:+.1f | "
+            "s/m=time_s_per_m:.1f | limit",
+            rows,
+            _NOTE,
+        )
+        zero = self["zero"]
+        force, error = (
+            "nowhere" if zero[key] is None else f"at a_e = {zero[key]:g} mm"
+            for key in ("force_ae_mm", "displacement_ae_mm")
+        )
+        yield (
+            f"up-milling at f_z = {zero['fz_mm']:g} mm: the force normal to the wall is zero {force}, the displacement "
+            f"{error} (half the diameter is {zero['half_diameter_mm']:g} mm)"
+        )
+        yield _modes_line(self["modes"])
+        best = f"{self['choices'][0]['up_to_um']:g} um" if self["choices"] else "none"
+        for name, error_um in self["binding"].items():
+            yield f"binds: {name}; without it {error_um:g} um instead of {best}"
+        if not self["choices"]:
+            worst = ", ".join(f"{name} ({count})" for name, count in self["beyond"].items())
+            yield f"none of {self['tried']} choices is within the limits: {worst}"
+        if self["not_known"]:
+            yield self.line("not looked at, because the cell file does not state it: {not_known}")
+
+
+FIRST_MODES = 6
+"""Printed; ``--json`` has all."""
+_NOTE: Final = (
+    f"Errors square to the wall. {EXPECTED_NOTE} Up to: nine of ten stay below. That of the model has a sign: + leaves "
+    "material."
+)
+
+
+def _modes_line(modes: dict[str, Any]) -> str:
+    first = modes["bands_hz"][:FIRST_MODES]
+    bands = ", ".join(f"{low:g}" if low == high else f"{low:g} to {high:g}" for low, high in first)
+    text = f"first modes along the cut: {bands} Hz"
+    nearest = modes["nearest"]
+    if nearest is None:
+        return text
+    where = "" if nearest["line"] is None else f" in {line_of(nearest)}"
+    return (
+        f"{text}; of tooth passing and runout, {nearest['what']} ({nearest['hz']:g} Hz) swings the tool most{where}: "
+        f"{nearest['magnified']:g} of the displacement at rest, the nearest mode is at {nearest['mode_hz']:g} Hz"
+    )
+
+
+def _limit(row: dict[str, Any]) -> str:
+    if row["beyond"]:
+        return "beyond: " + ", ".join(row["beyond"])
+    share = row["nearest_limit_percent"]
+    return "" if share is None else f"{share:.0f} % of {row['nearest_limit']}"
 
 
 def run(
@@ -31,7 +107,7 @@ def run(
     assume_class: bool = False,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> RankedWays:
     """Do the job on files; returned is what is printed, in shop units, with the files of its lines.
 
     ``out``: Folder for ``summary.json``, or None.
@@ -70,7 +146,7 @@ def run(
     if out is not None:
         with atomic.atomic_folder(out) as staging:
             write_summary(staging / SUMMARY, answer)
-    return answer
+    return RankedWays(answer)
 
 
 def shown(choices: Choices, row: int, law: ForceLaw) -> dict[str, Any]:

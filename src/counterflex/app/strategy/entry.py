@@ -19,6 +19,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ModelError, ProgramError
 from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.result import Parts, ShownTable, Summary
 from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell, read_cell
@@ -28,6 +29,7 @@ from counterflex.plan.inputs import part_compliance, solve_joints
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.programs.program import Motion
 from counterflex.programs.reading import require_linuxcnc
+from counterflex.report.glossary import MODEL_NOTE, MODEL_UM, line_of
 
 READING, CHECKING, JUDGING = "finding the entries", "checking by removal", "force and error"
 STEP_M: Final = 0.25 * MM
@@ -47,6 +49,20 @@ class Bent:
     cut: Cut
 
 
+class SoftEntries(Summary):
+    """Entries and exits of a program, before and after."""
+
+    def _shown(self) -> Parts:
+        rows = [row | {"at": line_of(row, bare=True)} for row in self["entries"]]
+        pairs = (("peak force N", "peak_force_n", ".0f"), ("force step N/ms", "force_step_n_per_ms", ".2f"))
+        columns = "line=at | entry=kind | move={move}{kept:kept: %s}" + "".join(
+            f" | {head}={{{key}[0]:{form}}}{{{key}[1]: -> %{form}}}"
+            for head, key, form in (*pairs, (f"error, {MODEL_UM}", "error_um", ".0f"))
+        )
+        title = self.line("{program}: entries and exits, {time_s[0]:g} -> {time_s[1]:g} s")
+        yield ShownTable.of(title, columns, rows, MODEL_NOTE)
+
+
 def run(
     program: str | Path,
     cell_file: str | Path,
@@ -55,7 +71,7 @@ def run(
     *,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> SoftEntries:
     """Write the program with soft entries and ``summary.json`` into ``out``: both or none; returned is the summary.
 
     Raises:
@@ -85,7 +101,7 @@ def run(
         }
         write_summary(staging / "summary.json", summary)
     progress(1.0)
-    return summary
+    return SoftEntries(summary)
 
 
 def _entries(job: Job, cell: Cell, moves: Moves) -> list[Entry]:

@@ -15,7 +15,8 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, MM, MM_PER_MIN
+from counterflex.core.result import Parts, ShownTable, Summary
+from counterflex.core.units import DEG, MM, MM_PER_MIN, plain
 from counterflex.cutting.force import zero_normal_force_immersion
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
@@ -218,6 +219,24 @@ def _loop_lines(
     return out
 
 
+class TrochoidSummary(Summary):
+    """Loops in place of slots."""
+
+    def _shown(self) -> Parts:
+        rows = [
+            ("slots in lines", ", ".join(map(str, self.get("places", self["lines"]))), ""),
+            ("loops", "radius {radius_mm:g} mm", "step {step_mm:g} mm"),
+            ("engagement, computed", "{engagement_deg:.1f} deg", "mean {mean_engagement_deg:.1f} deg"),
+            ("engagement, cut", "{cut_engagement_deg:.1f} deg", "99 % of the loops stay below"),
+            ("feed", "{feed_mm_min:g} mm/min", "bound by {feed_bound_by}"),
+            ("mean force, largest", "{peak_force_n[1]:g} N", "{peak_force_n[0]:g} N before"),
+            ("volume", "{volume_percent:g} %", "of that of the slots"),
+            ("time", "{time_s[1]:g} s", "{time_s[0]:g} s before"),
+        ]
+        title = self.line("{program}: {milling}-milling with T{tool}")
+        yield ShownTable(title, ["", "value", ""], [[self.line(text) for text in row] for row in rows])
+
+
 def run(
     program: str | Path,
     cell_file: str | Path,
@@ -226,7 +245,7 @@ def run(
     *,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> TrochoidSummary:
     """Write the program with loops and ``summary.json`` into ``out``: both or none; returned is the summary."""
     cell = read_cell(cell_file)
     parts = in_parts(progress, {READING: 1.0, WRITING: 0.2, CHECKING: 4.0})
@@ -241,7 +260,7 @@ def run(
         summary = _summary(job, before, again, _cut(again, cell, parts[CHECKING]), result, cell)
         write_summary(staging / "summary.json", summary)
     progress(1.0)
-    return summary
+    return TrochoidSummary(summary)
 
 
 def _summary(job: Job, before: Cut, again: Job, after: Cut, result: Rewritten, cell: Cell) -> dict[str, Any]:
@@ -258,11 +277,8 @@ def _summary(job: Job, before: Cut, again: Job, after: Cut, result: Rewritten, c
         "lines": list(result.lines),
         "tool": result.tool,
         "milling": "up" if result.up else "down",
-        "width_mm": round(result.width_m / MM, 4),
-        "radius_mm": round(loop.radius_m / MM, 4),
-        "step_mm": round(loop.step_m / MM, 4),
-        "engagement_deg": round(loop.engagement_rad / DEG, 3),
-        "mean_engagement_deg": round(loop.mean_rad / DEG, 3),
+        **plain(result, "width_mm:4"),
+        **plain(loop, "radius_mm:4 step_mm:4 engagement_deg:3 mean_engagement_deg=mean_rad:3"),
         "cut_engagement_deg": round(
             float(np.quantile(replaced[rows], 0.99, weights=length[rows], method="inverted_cdf")) / DEG, 2
         ),

@@ -11,7 +11,8 @@ from nicegui import ui
 from counterflex.app.questions import check_cell
 from counterflex.app.studio import texts
 from counterflex.app.studio.desk import FaultBanner, Workbench, card, result_links, table
-from counterflex.files.shop_unit import digits_of, unit_of_name
+from counterflex.core.result import digits_of
+from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.recipes import RECIPES
 
 _NEXT: Final = 3

@@ -21,10 +21,11 @@ from counterflex.app.studio.measured_file import MeasuredFile
 from counterflex.app.studio.measurement_form import MeasurementForm, ReadingCheck, Remark, check_readings
 from counterflex.core.errors import CounterflexError
 from counterflex.core.next_command import next_command
+from counterflex.core.result import digits_of
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.dataset.proposal import PROPOSAL, form_names, read_proposal
-from counterflex.files.shop_unit import digits_of, shop
+from counterflex.files.shop_unit import shop
 from counterflex.identify.recipes import RECIPES, own_title
 
 _COUNT: Final = 20

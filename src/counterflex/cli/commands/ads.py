@@ -10,7 +10,8 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import MOST_RECORDS, address, argument, option
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
-from counterflex.cli.output import print_json, print_table
+from counterflex.cli.output import print_json, print_summary, print_table
+from counterflex.core.result import Lines, PlainLine, ShownTable
 
 ads = typer.Typer(no_args_is_help=True, help="A TwinCAT (Beckhoff ADS): check the connection, read, write, forward.")
 
@@ -42,16 +43,10 @@ def read(cell: CellFile, as_json: AsJson = False) -> None:
     from counterflex.app.plc import PLCS
 
     readings = PLCS["ads"].read(cell)
-    if as_json:
-        print_json(readings)
-        return
-    rows = [
-        [name, "not a number" if value is None else f"{value:g}", readings["types"][name]]
-        for name, value in readings["values"].items()
-    ]
-    print_table(f"Read in {readings['took_ms']:g} ms", ["name", "value", "type"], rows)
-    if readings["force_n"] is not None:
-        typer.echo("force at the tool, holder axes: " + ", ".join(f"{v:.1f}" for v in readings["force_n"]) + " N")
+    rows = [(name, value, readings["types"][name]) for name, value in readings["values"].items()]
+    table = ShownTable.of(f"Read in {readings['took_ms']:g} ms", "name=0 | value=1:g~not a number | type=2", rows)
+    force = [] if readings["force_n"] is None else ["force at the tool, holder axes: {force_n:.1f} N"]
+    print_summary(Lines(readings, table, *force), as_json)
 
 
 def write(
@@ -67,10 +62,7 @@ def write(
     from counterflex.app.plc import PLCS
 
     result = PLCS["ads"].write(cell, name, value)
-    if as_json:
-        print_json(result)
-        return
-    typer.echo(f"{name}: {result['before']} before, {result['after']} now")
+    print_summary(Lines(result, PlainLine(f"{name}: {result['before']} before, {result['after']} now")), as_json)
 
 
 def forward(
@@ -94,11 +86,8 @@ def forward(
     from counterflex.app.plc import PLCS
 
     result = PLCS["ads"].forward(cell, address(to, "HOST:PORT"), readings=readings, strain=strain)
-    if as_json:
-        print_json(result)
-        return
-    typer.echo(
-        f"{result['sent']} datagrams sent, {result['unusable']} not usable; {result['failed_readings']} readings failed"
+    print_summary(
+        Lines(result, "{sent} datagrams sent, {unusable} not usable; {failed_readings} readings failed"), as_json
     )
 
 

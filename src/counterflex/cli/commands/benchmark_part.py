@@ -11,7 +11,8 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.inspection import datum_faces
 from counterflex.cli.commands.program import CellFile, Out
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar, say_written
+from counterflex.core.result import Lines, ShownTable
 
 _METHODS = ("uncompensated", "catalogue", "identified", "corrected", "online")
 benchmark_part = typer.Typer(help="A part that any laboratory can mill, measure and compare.", no_args_is_help=True)
@@ -68,27 +69,16 @@ def judge(
     about = BenchmarkConditions(laboratory, method, robot_name, material_name)
     with progress_bar(f"inspecting {scan.name}") as progress:
         result = job(cell, scan, out, about, how=How(datum=datum), progress=progress)
-    if as_json:
-        print_json(result.model_dump(mode="json"))
-        return
-    print_table(
+    values = result.model_dump(mode="json")
+    table = ShownTable.of(
         f"{result.part}: {result.label}; surface 99.7 %: {result.surface_p997_mm:.3f} mm",
-        ["feature", "quantity", "nominal mm", "tolerance mm", "worst mm", "U um (k=2)", "within"],
-        [
-            [
-                row.feature,
-                row.quantity,
-                f"{row.nominal_mm:g}",
-                f"{row.tolerance_mm:g}",
-                f"{row.worst_mm:.3f}",
-                f"{row.uncertainty_um:.1f}",
-                "yes" if row.within else "NO",
-            ]
-            for row in result.features
-        ],
-        note=f"{sum(row.within for row in result.features)} of {len(result.features)} within their tolerance.",
+        "feature | quantity | nominal mm:g | tolerance mm:g | worst mm:.3f | "
+        "U um (k=2)={uncertainty_um:.1f} | within=held",
+        [row | {"held": "yes" if row["within"] else "NO"} for row in values["features"]],
+        f"{sum(row.within for row in result.features)} of {len(result.features)} within their tolerance.",
     )
-    say_written(out, f"wrote {out}: result.json, deviations.parquet, report.html, summary.json")
+    files = ": result.json, deviations.parquet, report.html, summary.json"
+    print_summary(Lines(values, table), as_json, out, files)
 
 
 @benchmark_part.command()
@@ -103,9 +93,6 @@ def compare(
     from counterflex.app.benchmark_part.judge import compare as job
 
     answer = job(results)
-    if as_json:
-        print_json(answer)
-        return
     labels = [row["label"] for row in answer["results"]]
     rows = [
         [
@@ -122,9 +109,5 @@ def compare(
     rows.append(["all", "within", "", *(f"{row['within']} of {row['of']}" for row in answer["results"])])
     surfaces = (f"{row['surface_p997_mm']:.3f} mm" for row in answer["results"])
     rows.append(["surface", "99.7 %", "", *surfaces])
-    print_table(
-        f"{answer['part']}: deviation from nominal, um",
-        ["feature", "quantity", "tolerance", *labels],
-        rows,
-        note="! outside its tolerance",
-    )
+    title, columns = f"{answer['part']}: deviation from nominal, um", ["feature", "quantity", "tolerance", *labels]
+    print_summary(Lines(answer, ShownTable(title, columns, rows, "! outside its tolerance")), as_json)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -13,7 +13,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.prove import SEEDS, FamilyName, Workers
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, print_made_again, print_result, print_table, resumable_progress
+from counterflex.cli.output import keep_inputs, print_made_again, print_summary, resumable_progress
 from counterflex.core.errors import InputError
 from counterflex.identify.recipes import RECIPES
 
@@ -137,6 +137,7 @@ def campaign(
     from counterflex.app import examples
     from counterflex.app.campaign import campaign as job
     from counterflex.app.campaign.axes import Grid, read_placements
+    from counterflex.app.campaign.report import CampaignSummary
     from counterflex.twin.truth.family import family_of
 
     workers = machines.chosen()
@@ -158,44 +159,7 @@ def campaign(
             workers=workers,
             progress=progress,
         )
-    print_result(summary, as_json, show, out)
-
-
-def show(summary: dict[str, Any], out: Path) -> None:
-    """Print the tables of a campaign."""
-    from counterflex.app.campaign.report import (
-        COLUMNS,
-        SETUP_COLUMNS,
-        headline_rows,
-        refusals,
-        rows_of,
-        setup_rows,
-        verdict,
-    )
-    from counterflex.app.compensation.headline import error_rows
-
-    lines = headline_rows(summary)
-    if lines:
-        print_table(
-            "Identified on the twin; errors on held-out measurements",
-            ["seed", "recipe", "figure", "before", "identified", "taken over"],
-            lines,
-        )
-    for line in refusals(summary):
-        typer.echo(line)
-    expected = [list(row) for row in error_rows(summary.get("prediction", {}))]
-    if expected:
-        print_table("Expected of all such cells, with the cell file as it was", ["", "value", ""], expected)
-    rows = rows_of(summary)
-    if rows:
-        with_exact = any(row[-1] != "-" for row in rows)
-        print_table(
-            "99.7 % path error before and after",
-            list(COLUMNS if with_exact else COLUMNS[:-2]),
-            [list(row if with_exact else row[:-2]) for row in rows],
-        )
-        typer.echo(verdict(summary))
-    if "setups" in summary:
-        print_table("99.7 % path error over the simulated cells", list(SETUP_COLUMNS), setup_rows(summary))
-    print_made_again(summary)
-    typer.echo(f"report: {out / 'report.html'}")
+    print_summary(CampaignSummary(summary), as_json)
+    if not as_json:
+        print_made_again(summary)
+        typer.echo(f"report: {out / 'report.html'}")

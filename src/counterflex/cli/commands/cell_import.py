@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
-from counterflex.cli.output import print_json, print_table
+from counterflex.cli.output import print_summary
+from counterflex.core.result import Lines, Part, PlainLine, ShownTable
 from counterflex.core.units import DEG, MM
 
 
@@ -56,16 +55,10 @@ def cell_import(
         files, out, robot, tool=tool, base=base, poses=poses, tolerance_m=tolerance_mm * MM,
         tolerance_rad=tolerance_deg * DEG,
     )  # fmt: skip
-    if as_json:
-        print_json(answer)
-        return
+    parts: list[Part] = [PlainLine(f"note: {note}") for note in answer["notes"]]
     if answer["poses"]:
-        print_table(
-            "Forward kinematics against the poses that the controller shows",
-            ["tool", "base", "poses", "rms mm", "largest mm", "largest deg", "in line"],
-            [[f"{value}" for value in row.values()] for row in answer["poses"]],
-        )
-    for note in answer["notes"]:
-        typer.echo(f"note: {note}")
-    frames = f"tool {answer['tool']} and base {answer['base']}"
-    typer.echo(f"wrote {answer['cell']}: {frames} of a {answer['controller']} controller")
+        columns = "tool=0 | base=1 | poses=2 | rms mm=3 | largest mm=4 | largest deg=5 | in line=6"
+        rows = [tuple(map(str, row.values())) for row in answer["poses"]]
+        parts[:0] = [ShownTable.of("Forward kinematics against the poses that the controller shows", columns, rows)]
+    written = "wrote {cell}: tool {tool} and base {base} of a {controller} controller"
+    print_summary(Lines(answer, *parts, written), as_json)

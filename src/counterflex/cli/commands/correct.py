@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Annotated
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Out, Program
-from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar, warn
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 from counterflex.core.units import UM
-
-_SHOWN = 6
 
 
 def correct(
@@ -73,60 +69,5 @@ def correct(
         summary = job.run(
             program, cell, plan, scan, out, apply=apply, report=report, progress=progress, limit_m=limit_um * UM
         )
-    print_result(summary, as_json, show, out)
-
-
-def show(summary: dict[str, Any], out: Path) -> None:
-    """Print what was found."""
-    values = summary["correct"]
-    print_table(
-        f"Parts of {summary['program']}",
-        ["part", "measured in", "places", "noise um", "surface 99.7 % um", "error", "changed um"],
-        [
-            [
-                str(row["part"]),
-                row["source"],
-                str(row["places"]),
-                f"{row['noise_um']:g}",
-                f"{row['surface_p997_um']:g}",
-                "believed" if row["believed"] else "noise only",
-                f"{row['changed_um']:g}" if "changed_um" in row else "",
-            ]
-            for row in values["parts"]
-        ],
-    )
-    print_table(
-        "What explains it",
-        ["explanation", "log evidence", "explained", "factors"],
-        [
-            [
-                row["explanation"],
-                f"{row['log_evidence']:g}",
-                f"{row['explained_percent']:g} %",
-                "; ".join(
-                    f"{one['name']} {one['value']:+g} +- {one['standard_deviation']:g} {one['unit']}"
-                    for one in row["factors"]
-                ),
-            ]
-            for row in values["explanations"][:_SHOWN]
-        ],
-    )
-    if len(values["alike"]) > 1:
-        typer.echo(f"not to be told apart by this part: {'; '.join(values['alike'])}")
-    hidden = values["not_seen"]
-    if hidden["of_cut_percent"] > 0.0:
-        typer.echo(f"no surface shows {hidden['of_cut_percent']:g} % of the cut: run over later, or cut in air")
-    if not values["changed"]:
-        typer.echo("the parts show nothing but noise, or less than 5 um: the program stays as it is")
-    else:
-        e = values["expected"]
-        typer.echo(
-            f"largest change of the correction {values['change_um']:g} um; surface, 99.7 %: {e['now_p997_um']:g} um "
-            f"now, {e['next_p997_um']:g} um ({e['next_5_percent_um']:g} to {e['next_95_percent_um']:g}) expected"
-        )
-    if "stiffness" in summary.get("assumed", {}):
-        warn(f"the stiffness of axes is assumed, as in the plan: {summary['assumed']['stiffness']['from']}")
-    if "applied" in summary:
-        typer.echo(f"wrote {summary['applied']['cell']}: {summary['applied']['explanation']}")
-    files = [*summary["files"], "plan.parquet", "path-error.parquet", "parts/", "summary.json"]
-    typer.echo(f"wrote {out}: {', '.join(files)} ({summary['seconds']:.1f} s)")
+    files = ": {files}, plan.parquet, path-error.parquet, parts/, summary.json ({seconds:.1f} s)"
+    print_summary(summary, as_json, out, files)

@@ -9,7 +9,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
-from counterflex.cli.output import print_json, print_table
+from counterflex.cli.output import print_json, print_summary, print_table
 
 dataset = typer.Typer(no_args_is_help=True, help="Read measured data and summarise them.")
 
@@ -25,33 +25,7 @@ def check(
     from counterflex.app.identification.dataset_check import described
 
     answer = described(data)
-    if as_json:
-        print_json(answer)
-        return
-    print_table(
-        f"{answer['name']}: {answer['kind']}, {answer['rows']} rows in {answer['groups']} groups",
-        ["channel", "number", "unit", "least", "mean", "largest", "standard deviation"],
-        [
-            [
-                row["channel"] if i == 0 or row["channel"] != answer["channels"][i - 1]["channel"] else "",
-                row["component"],
-                row["unit"],
-                *(f"{row[key]:.6g}" for key in ("low", "mean", "high")),
-                row["sigma"],
-            ]
-            for i, row in enumerate(answer["channels"])
-        ],
-        note=f"Lines {answer['lines'][0]} to {answer['lines'][1]} of {answer['file']}. SHA-256 {answer['sha256']}",
-    )
-    for key, value in answer["settings"].items():
-        typer.echo(f"setting: {key} = {value}")
-    for line in answer["frame"]["lines"] if answer["frame"] else ():
-        typer.echo(f"measuring frame: {line}")
-    if answer["without_sigma"]:
-        typer.echo(
-            f"no standard deviation: {', '.join(answer['without_sigma'])}; a recipe that weighs one will ask for it"
-        )
-    typer.echo("dataset ok")
+    print_summary(answer, as_json)
 
 
 def channels(as_json: Annotated[bool, option("--json", "Print JSON instead of tables.")] = False) -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.commands.program import CellFile, Out
-from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar, warn
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
 from counterflex.core.units import UM
@@ -83,42 +83,13 @@ def firstcut(
         feed_mm_min, rpm = numbers(propose, "--propose", 2) or (0.0, 0.0)
         keep_inputs(out, cell)
         made = job.propose(cell, out, tool=tool, feed_mm_min=feed_mm_min, rpm=rpm, depth_mm=depth_mm)
-        print_result(made, as_json, _show_proposal, out, cell)
+        print_summary(made, as_json, out)
+        if not as_json:
+            command = next_command("firstcut", str(out / "coupon.ngc"), cell=cell, out="identified")
+            typer.echo(f"when milled and measured: {command}")
         return
     assert program is not None
     keep_inputs(out, program, cell, measured, part)
     with progress_bar(f"identifying from {program.name}") as progress:
         summary = job.run(program, cell, out, measured=measured, part=part, sigma_m=sigma_um * UM, progress=progress)
-    print_result(summary, as_json, _show, out)
-
-
-def _show_proposal(summary: dict[str, Any], out: Path, cell: Path) -> None:
-    faces = [[face, str(count)] for face, count in summary["faces"].items()]
-    print_table("To measure", ["face", "places"], faces)
-    typer.echo(f"wrote {out}: {', '.join(summary['files'])}" if "files" in summary else f"wrote {out}")
-    command = next_command("firstcut", str(out / "coupon.ngc"), cell=cell, out="identified")
-    typer.echo(f"when milled and measured: {command}")
-
-
-def _show(summary: dict[str, Any], out: Path) -> None:
-    print_table(
-        f"Found on {summary['places']} places",
-        ["constant", "times that of the cell file", "standard deviation"],
-        [[row["constant"], f"{row['factor']:.2f}", f"{row['percent']:g} %"] for row in summary["constants"]],
-        note="Of each by itself; together they are known better: see below",
-    )
-    typer.echo(
-        f"faces off what the cell file predicts by {summary['planned_rms_um']:g} um (root mean square), "
-        f"by the new one {summary['left_rms_um']:g} um; faces left out in turn {summary['left_out_rms_um']:g} um"
-    )
-    typer.echo(f"doubt of the deflection: {summary['doubt_of_deflection_left_percent']:g} % of that before")
-    for text in summary["warnings"]:
-        warn(text)
-    if summary["far_places"]:
-        warn(f"far off what all others show, look at them again: places {', '.join(map(str, summary['far_places']))}")
-    if summary["left_out_rms_um"] >= summary["planned_rms_um"]:
-        warn(
-            "a face left out is foretold no better than by the cell file: every face is needed, and programs that load "
-            "the arm otherwise than the coupon may gain little. Measure more places"
-        )
-    typer.echo(f"wrote {out}: cell.toml, summary.json ({summary['seconds']:.1f} s)")
+    print_summary(summary, as_json, out, ": cell.toml, summary.json ({seconds:.1f} s)")

@@ -5,10 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
+import typer
+
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, MOST_PROPOSED, argument, option, pairs
-from counterflex.cli.output import keep_inputs, print_json, print_result, progress_bar
+from counterflex.cli.output import keep_inputs, print_json, print_summary, progress_bar
 from counterflex.core.errors import InputError
+from counterflex.core.next_command import next_command
 from counterflex.identify.recipes import RECIPES, own_title
 
 HISTORY = "history"
@@ -83,7 +86,6 @@ def identify(
     keep_inputs(out, cell, *data, *(holdout or []))
     chosen = pairs(settings or [])
     from counterflex.app.identification import identify as job
-    from counterflex.cli.commands.identify_tables import show_result
 
     with progress_bar(f"identifying {recipe}") as progress:
         result = job.run(
@@ -99,8 +101,11 @@ def identify(
         )
     if as_json:
         print_json(job.plain(result))
-    else:
-        show_result(result, out)
+        return
+    from counterflex.report.identification_page import IdentificationSummary
+
+    files = ": cell.toml, result.json, report.html ({seconds:.1f} s)"
+    print_summary(IdentificationSummary(result), False, out, files)
 
 
 identify.__doc__ = _HELP
@@ -110,10 +115,9 @@ def _history(folders: list[Path], as_json: bool) -> None:
     if len(folders) > 1:
         raise InputError("history takes one folder", value=len(folders))
     from counterflex.app.identification.history import history
-    from counterflex.cli.commands.identify_tables import show_history
 
     changes = history(folders[0])
-    print_result(changes, as_json, show_history)
+    print_summary(changes, as_json)
 
 
 def _propose(
@@ -124,8 +128,23 @@ def _propose(
     keep_inputs(out, cell)
     chosen = pairs(settings)
     from counterflex.app.identification import propose as job
-    from counterflex.cli.commands.identify_tables import show_proposal
 
     with progress_bar(f"choosing {count} measurements"):
         proposal = job.run(recipe, count, cell, out, settings=chosen, seed=seed)
-    print_result(proposal, as_json, show_proposal, out, cell)
+    print_summary(proposal, as_json, out, ": {files}")
+    if as_json:
+        return
+    manifest = f"{proposal['recipe']}.toml"
+    if manifest in proposal["files"]:
+        typer.echo(
+            f"next: measure the rows of proposal.csv in their order, fill {proposal['recipe']}.csv or name the file of"
+            f" the instrument in {manifest}, state sigma there, then "
+            + next_command(f"identify {proposal['recipe']}", out / manifest, cell=cell, out="identified")
+        )
+        typer.echo(
+            "or on a simulated cell: "
+            + next_command("twin measure", out / "proposal.toml", cell=cell, truth="TRUTH", out="DATA")
+            + f", which writes DATA/{manifest}"
+        )
+    else:
+        typer.echo("next: measure the rows of proposal.csv in their order and write a manifest (docs/datasets.md)")

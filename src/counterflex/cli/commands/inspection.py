@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.cli.commands.inspection_tables import show
 from counterflex.cli.commands.program import CellFile, Out, Program
 from counterflex.cli.commands.standards.options import FORMATS, frame_of
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, print_json, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar, say_written
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 
@@ -336,11 +335,9 @@ def inspect(
             more=more,
             progress=progress,
         )
-    if as_json:
-        print_json(summary)
-        return
-    show(summary)
     rows = "deviations.parquet" if tool_log is None else "tool-path.parquet"
-    say_written(out, f"wrote {out}: {rows}, report.html, summary.json")
+    print_summary(summary, as_json, out, f": {rows}, report.html, summary.json")
+    if as_json:
+        return
     frame = of_scan.export_frame or "part"
     say_written(of_scan.export, f"wrote {of_scan.export}: deviation_mm, positive = material left, {frame} frame")

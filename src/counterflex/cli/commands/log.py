@@ -11,11 +11,10 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.operate import log_export, run_history
 from counterflex.cli.commands.program import CellFile
-from counterflex.cli.output import print_json, print_table, progress_bar
-from counterflex.core.next_command import next_command
+from counterflex.cli.output import print_json, print_part, progress_bar
+from counterflex.core.units import plain
 
 log = typer.Typer(no_args_is_help=True, help="What online runs logged: show, replay, export, repair, compare.")
-_SHOWN = 20
 INCOMPLETE: Final = 5
 """Exit status: what there is was read, but cycles are missing or something cannot be read."""
 
@@ -45,171 +44,14 @@ def show(
         print_json({key: value for key, value in answer.items() if key != "lines"})
         _end(incomplete=answer["incomplete"])
         return
-    for run in answer["runs"]:
-        _show_run(run, several=len(answer["runs"]) > 1)
-    typer.echo(f"segments: {len(answer['segments'])}")
-    if answer["unread"]:
-        typer.echo(
-            f"by their digests: {len(answer['unread'])} of them; their records were not read, without --brief they are"
-        )
-    for line in answer["lines"]:
-        typer.echo(line)
-    if answer["cut"]:
-        typer.echo(f"cut short: {', '.join(answer['cut'])}. {next_command('log repair', folder)} writes them anew")
-    elif answer["damage"]:
-        typer.echo(f"{next_command('log repair', folder)} writes damaged segments anew")
+    for part in answer.parts():
+        print_part(part)
     _end(incomplete=answer["incomplete"])
 
 
 def _end(*, incomplete: bool) -> None:
     if incomplete:
         raise typer.Exit(INCOMPLETE)
-
-
-def _show_run(run: dict[str, Any], *, several: bool) -> None:
-    reply = run["reply_us"] or dict.fromkeys(("p50", "p99", "p99.9", "max"))
-    print_table(
-        f"Run {run['run']}" if several else "Run",
-        ["answered", "no telegram", "telegrams lost", "records lost", "seconds", "largest correction um", "step um"],
-        [
-            [
-                *(str(run[key]) for key in ("answered", "waited", "telegrams_lost", "records_lost")),
-                *(f"{run[key]:g}" for key in ("seconds", "largest_correction_um", "largest_step_um")),
-            ]
-        ],
-    )
-    print_table(
-        "Time to answer, us", list(reply), [["-" if value is None else f"{value:g}" for value in reply.values()]]
-    )
-    print_table(
-        "States",
-        ["state", "cycles", "seconds"],
-        [
-            [name.replace("_", " "), str(value["cycles"]), f"{value['seconds']:g}"]
-            for name, value in run["states"].items()
-        ],
-    )
-    if run["sources"]:
-        print_table(
-            "The estimate rested on", ["sources", "cycles"], [[name, str(n)] for name, n in run["sources"].items()]
-        )
-    _show_changes("Changes of its sources", run["sources_changes"])
-    _show_changes("Changes of the force sensors", run["force_sensors_changes"])
-    _show_changes("Changes", run["changes"])
-    _show_incidents(run["incidents"], run["incidents_total"])
-    _show_actions(run["operator_actions"])
-    show_process(run)
-    if run["not_closed"]:
-        from counterflex.protocols.session.comparison import not_closed_line
-
-        typer.echo(f"at its start: {not_closed_line(run['not_closed'])}")
-    if run["causes"]:
-        causes = (f"{name.replace('_', ' ')} {count}" for name, count in run["causes"].items())
-        typer.echo("cycles with a cause: " + ", ".join(causes))
-
-
-def _show_actions(actions: list[dict[str, Any]]) -> None:
-    """Print what operators did, and what came of it."""
-    if actions:
-        print_table(
-            "Operator",
-            ["seconds", "who", "from", "action", "outcome"],
-            [
-                [
-                    "-" if one["time_s"] is None else f"{one['time_s']:.3f}",
-                    str(one.get("who", "")),
-                    str(one.get("from", "")),
-                    str(one.get("action", one.get("text", ""))),
-                    "done" if one.get("done") else str(one.get("refused", "")),
-                ]
-                for one in actions[:_SHOWN]
-            ],
-            note=f"and {len(actions) - _SHOWN} more; --json lists them" if len(actions) > _SHOWN else "",
-        )
-
-
-def _show_changes(title: str, changes: list[dict[str, Any]]) -> None:
-    if changes:
-        print_table(
-            title,
-            ["cycle", "seconds", "from", "to", "cause"],
-            [
-                [
-                    str(change["cycle"]),
-                    f"{change['time_s']:.3f}",
-                    change["from"].replace("_", " "),
-                    change["to"].replace("_", " "),
-                    "" if change["cause"] == "none" else change["cause"].replace("_", " "),
-                ]
-                for change in changes[:_SHOWN]
-            ],
-            note=f"and {len(changes) - _SHOWN} more; --json lists them" if len(changes) > _SHOWN else "",
-        )
-
-
-def _show_incidents(incidents: list[dict[str, Any]], total: int) -> None:
-    if incidents:
-        print_table(
-            "Incidents",
-            ["incident", "cycle", "seconds", "state", "cause", "out of"],
-            [
-                [
-                    str(one["number"]),
-                    str(one["cycle"]),
-                    f"{one['time_s']:.3f}",
-                    *(one[key].replace("_", " ") for key in ("state", "cause", "before")),
-                ]
-                for one in incidents[:_SHOWN]
-            ],
-            note=f"and {total - _SHOWN} more; --json lists them" if total > _SHOWN else "",
-        )
-
-
-def show_process(figures: dict[str, Any]) -> None:
-    """Print what process monitoring found, and what it cannot see."""
-    for line in figures.get("not_looked_at", []):
-        typer.echo(line)
-    events = figures["events"]
-    if events:
-        print_table(
-            "Process events",
-            ["event", "path mm", "seconds", "cycle", "value", "limit", ""],
-            [
-                [
-                    event["event"].replace("_", " "),
-                    f"{event['path_mm']:.1f}",
-                    f"{event['time_s']:.3f}",
-                    str(event["cycle"]),
-                    f"{event['value']:g}",
-                    f"{event['limit']:g}",
-                    event["unit"],
-                ]
-                for event in events[:_SHOWN]
-            ],
-            note=_others(figures["event_counts"], len(events)),
-        )
-    wear = figures["wear"]
-    if wear is not None and wear["trend_percent_per_m"] is None:
-        typer.echo(f"{wear['cut_m']:g} m of cut: too short for a trend of measured over predicted force")
-    elif wear is not None:
-        typer.echo(
-            f"force by predicted force over {wear['cut_m']:g} m of cut: {wear['trend_percent_per_m']:+g}"
-            f" +- {wear['range95_percent_per_m']:g} % per metre (95 %)"
-        )
-    if figures["slowed_share"] > 0.0:
-        typer.echo(
-            f"slowed in {100.0 * figures['slowed_share']:.1f} % of the cycles,"
-            f" down to {100.0 * figures['least_speed']:.0f} % of the programmed speed"
-        )
-
-
-def _others(counts: dict[str, int], listed: int) -> str:
-    """Return what a table of the first events leaves out."""
-    total = sum(counts.values())
-    if total <= _SHOWN:
-        return ""
-    kinds = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items())
-    return f"in all {kinds}; --json lists {listed}"
 
 
 def replay(
@@ -244,11 +86,7 @@ def replay(
 def _plain(replayed: Any) -> dict[str, Any]:
     first = replayed.difference
     return {
-        "records": replayed.records,
-        "compared": replayed.compared,
-        "skipped": replayed.skipped,
-        "missing": replayed.missing,
-        "same": replayed.proved,
+        **plain(replayed, "records compared skipped missing same=proved"),
         "difference": None
         if first is None
         else {

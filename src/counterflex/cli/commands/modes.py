@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Annotated
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, numbers, option
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 
 
 def modes(
@@ -73,60 +71,4 @@ def modes(
             up_to_hz=up_to_hz,
             progress=progress,
         )
-    if as_json:
-        print_json(summary)
-        return
-    _show(summary)
-    say_written(out, f"wrote {out}: summary.json, report.html")
-
-
-def _show(summary: dict[str, Any]) -> None:
-    rows = [
-        [
-            f"{row['hz']:.2f}",
-            "{:.1f} to {:.1f}".format(*row["of_90_percent_hz"]),
-            f"{row['damping_ratio']:.3f}",
-            ", ".join(f"{value:+.2f}" for value in row["tip_direction"]),
-            f"{100.0 * row['share_of_compliance']:.0f} %",
-            ", ".join(f"{one['name']} {100.0 * one['share']:.0f} %" for one in row["springs"]),
-        ]
-        for row in summary["modes"]
-    ]
-    angles = ", ".join(f"{angle:g}" for angle in summary["joints_deg"])
-    print_table(
-        f"Modes of {summary['cell']} at {angles} deg",
-        ["Hz", "90 % of cells", "damping", "tip moves along (base)", "of compliance", "springs (strain energy)"],
-        rows,
-        note=f"{summary['masses']}; drives: {summary['drives']}; damping: {summary['damping']}",
-    )
-    if summary["with_drives"]:
-        listed = ", ".join(f"{row['hz']:.2f} Hz ({row['damping_ratio']:.2f})" for row in summary["with_drives"])
-        typer.echo(f"with the drives on: {listed}")
-    if "tap_test" in summary:
-        _show_tap_test(summary["tap_test"])
-
-
-def _show_tap_test(tap: dict[str, Any]) -> None:
-    rows = [
-        [
-            row["body"],
-            f"{row['stated_kg']:.1f}",
-            f"{row['fitted_kg']:.1f}",
-            f"{row['sigma_percent']:.0f} %",
-            "yes" if row["seen"] else "no: as stated",
-        ]
-        for row in tap["masses"]
-    ]
-    before, after = (
-        ", ".join(f"{mode['hz']:.2f} Hz ({mode['damping_ratio']:.3f})" for mode in tap[name])
-        for name in ("modes_before", "modes_after")
-    )
-    print_table(
-        f"Tap test {tap['file']}, {tap['rows']} rows up to {tap['up_to_hz']:g} Hz",
-        ["body", "stated kg", "fitted kg", "sigma", "seen by the data"],
-        rows,
-        note=f"all stiffnesses times {tap['stiffness_factor']:.3f}; FRAC {tap['frac_before']:.3f} before, "
-        f"{tap['frac_after']:.3f} after",
-    )
-    typer.echo(f"modes before: {before}")
-    typer.echo(f"modes after:  {after}")
+    print_summary(summary, as_json, out, ": summary.json, report.html")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated
 
 import typer
 
@@ -11,11 +11,8 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar, say_written
-from counterflex.core.remarks import shown
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 from counterflex.programs.language import robot_dialects
-
-_ORDER: Final = ("fail", "warning", "ok")
 
 
 @with_records
@@ -71,53 +68,6 @@ def preflight(
     with progress_bar(f"checking {program.name}") as progress:
         reading = source.reading()
         summary = job.run(program, cell, out, reading=reading, language=language, nominal=nominal, progress=progress)
-    print_result(summary, as_json, _show)
-    if out is not None and not as_json:
-        say_written(out, f"wrote {out}: report.html, summary.json")
+    print_summary(summary, as_json, out, ": report.html, summary.json")
     if summary["failed"]:
         raise typer.Exit(1)
-
-
-def _show(summary: dict[str, Any]) -> None:
-    looked_at = [row for row in summary["checks"] if row["verdict"] != "not looked at"]
-    looked_at.sort(key=lambda row: _ORDER.index(row["verdict"]))
-    rows = [
-        [
-            row["check"],
-            row["verdict"],
-            _number(row["value"], row["unit"]),
-            _number(row["limit"], row["unit"]),
-            row["place"] or "",
-            row["what"],
-        ]
-        for row in looked_at
-    ]
-    print_table(
-        f"{summary['program']} on {summary['cell']}", ["check", "verdict", "value", "limit", "worst", "what"], rows
-    )
-    for row in looked_at:
-        if row["advice"]:
-            typer.echo(f"{row['verdict']}: {row['check']}: {row['advice']}")
-    left_out = [row for row in summary["checks"] if row["verdict"] == "not looked at"]
-    if left_out:
-        typer.echo("not looked at, and what it needs:")
-    for row in left_out:
-        typer.echo(f"  {row['check']}: {_needs(row)}")
-        shown(row["what"])
-    counts = summary["counts"]
-    passed = f"{counts['not looked at']} not looked at, {counts['ok']} ok"
-    typer.echo(f"{counts['fail']} fail, {counts['warning']} warning, {passed}")
-
-
-def _needs(row: dict[str, Any]) -> str:
-    """Key that a check needs, and what the program does there."""
-    value = _number(row["value"], row["unit"])
-    at = row["place"] or ""
-    here = ", ".join(text for text in (value, row["what"], at) if text)
-    return f"{row['missing']} ({here})" if row["missing"] and here else row["missing"] or here
-
-
-def _number(value: float | None, unit: str) -> str:
-    if value is None:
-        return ""
-    return f"{value:.0f} {unit}".rstrip() if abs(value) >= 1000.0 else f"{value:.4g} {unit}".rstrip()

@@ -3,22 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Annotated
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, argument, option, pairs
 from counterflex.cli.commands.program import CellFile, Out
-from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar
-from counterflex.files.shop_unit import digits_of, unit_of_name
-
-_WEAR_WORDS = {
-    "beyond": "worn beyond its limit",
-    "at": "perhaps beyond its limit",
-    "within": "within its limit",
-    "unknown": "not known",
-}
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 
 
 def production(
@@ -54,44 +44,4 @@ def production(
 
     with progress_bar("identifying production") as progress:
         result = job.run(runs, cell, plan, out, settings=chosen, seed=seed, apply=apply, progress=progress)
-    print_result(result, as_json, show, out)
-
-
-def show(result: dict[str, Any], out: Path) -> None:
-    """Figures, the runs with the factor of each, what it means."""
-    rows = [
-        [
-            f["text"],
-            digits_of(f["value"], 4),
-            "" if f["nominal"] is None else digits_of(f["nominal"], 4),
-            unit_of_name(f["name"]),
-        ]
-        for f in (*result["headline"], *result["figures"])
-    ]
-    print_table(
-        f"Production with T{result['tool']} in {result['material']}: {result['cell']}",
-        ["figure", "found", "stated", "unit"],
-        rows,
-    )
-    print_table(
-        f"Force over the life of the tool: {_WEAR_WORDS[result['wear']]}",
-        ["run", "edge", "cut by it m", "removed cm3", "force", "standard deviation", "event", "delay ms"],
-        [
-            [
-                row["run"],
-                f"{row['edge']}{' new: ' + row['new_edge'] if row['new_edge'] else ''}",
-                f"{row['edge_cut_m']:.3f}",
-                f"{row['edge_removed_cm3']:.2f}",
-                f"{row['factor']:.4f}",
-                f"{row['factor_sigma']:.4f}",
-                row["event"],
-                "" if row["delay_ms"] is None else f"{row['delay_ms']:g} +- {row['delay_sigma_ms']:g}",
-            ]
-            for row in result["runs"]
-        ],
-    )
-    for remark in result["remarks"]:
-        typer.echo(f"note: {remark}")
-    if "applied" in result:
-        typer.echo(f"wrote {result['applied']['cell']}: constants of {', '.join(r['run'] for r in result['runs'][:4])}")
-    typer.echo(f"wrote {out}: result.json, report.html, runs/ ({result['seconds']:.1f} s)")
+    print_summary(result, as_json, out, ": result.json, report.html, runs/ ({seconds:.1f} s)")

@@ -13,18 +13,19 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.option_records import with_records
 from counterflex.cli.output import (
-    MODEL,
     Layers,
     keep_inputs,
-    line_of,
     print_json,
+    print_part,
     print_table,
     progress_bar,
     say_written,
     warn,
 )
+from counterflex.core.result import Parts, ShownTable, fill
 from counterflex.core.units import UM
 from counterflex.programs.language import BY_ENDING, at_prompt, dialects
+from counterflex.report.glossary import MODEL, line_of
 
 if TYPE_CHECKING:
     from counterflex.app.inputs import Reading
@@ -235,54 +236,37 @@ def compensate(
         print_json(summary)
     else:
         _show(summary, [*summary["files"], *results.files()], out)
-        if "feed" in summary:
-            _show_feed(summary["feed"])
-        if "feed_limits" in summary:
-            _show_limits(summary["feed_limits"])
+        for key, parts in (("feed", _feed_parts), ("feed_limits", _limit_parts)):
+            for part in parts(summary[key]) if key in summary else ():
+                print_part(part)
 
 
-def _show_feed(lowered: dict[str, Any]) -> None:
-    """Print what a lower feed brought, what it cost, and where it was not enough."""
+def _feed_parts(lowered: dict[str, Any]) -> Parts:
     if lowered["lines"]:
-        print_table(
+        yield ShownTable.of(
             f"Feed for tolerance, error by the {MODEL}",
-            ["line", "feed", "before um", "after um", ""],
-            [
-                [
-                    line_of(line, bare=True),
-                    f"{line['feed_percent']:g} %",
-                    f"{line['before_um']:g}",
-                    f"{line['after_um']:g}",
-                    f"not reached: {line['why']}" if line["why"] else "",
-                ]
-                for line in lowered["lines"]
-            ],
+            "line=at | feed={feed_percent:g} % | before um:g | after um:g | ={why:not reached: %s}",
+            [line | {"at": line_of(line, bare=True)} for line in lowered["lines"]],
         )
-    typer.echo(
-        f"{MODEL}: error {lowered['worst_before_um']:g} um at the programmed feed, {lowered['worst_after_um']:g} um "
-        f"now (asked for {lowered['tolerance_um']:g}); additional time {lowered['extra_s']:.1f} s of "
-        f"{lowered['time_s']:.1f} s, accelerations left out"
+    yield f"{MODEL}: " + fill(
+        "error {worst_before_um:g} um at the programmed feed, {worst_after_um:g} um now (asked for {tolerance_um:g}); "
+        "additional time {extra_s:.1f} s of {time_s:.1f} s, accelerations left out",
+        lowered,
     )
 
 
-def _show_limits(limited: dict[str, Any]) -> None:
-    """Print where the feed was lowered for spindle, tool and robot, and which limit binds."""
+def _limit_parts(limited: dict[str, Any]) -> Parts:
     if limited["lines"]:
-        print_table(
+        yield ShownTable.of(
             "Feed within limits",
-            ["line", "feed", "binds", "before", "after"],
+            "line=at | feed={feed_percent:g} % | binds=limit | before={before_percent:g} % | "
+            "after={after_percent:g} %{lost}",
             [
-                [
-                    line_of(line, bare=True),
-                    f"{line['feed_percent']:g} %",
-                    line["limit"],
-                    f"{line['before_percent']:g} %",
-                    f"{line['after_percent']:g} %" + ("" if line["kept"] else ", not kept: least feed"),
-                ]
+                line | {"at": line_of(line, bare=True), "lost": "" if line["kept"] else ", not kept: least feed"}
                 for line in limited["lines"]
             ],
         )
-    typer.echo(f"limits of [process_limits]: additional time {limited['extra_s']:g} s")
+    yield f"limits of [process_limits]: additional time {limited['extra_s']:g} s"
 
 
 def _written_rows(written: dict[str, Any]) -> list[list[str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,18 +12,9 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS, argument, option
 from counterflex.cli.commands.program import AssumeClass, CellFile, MachineOptions, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import (
-    keep_folders,
-    keep_inputs,
-    line_of,
-    print_json,
-    print_result,
-    print_table,
-    progress_bar,
-    say_written,
-    warn,
-)
+from counterflex.cli.output import keep_folders, keep_inputs, print_summary, progress_bar, say_written
 from counterflex.core.errors import InputError
+from counterflex.core.result import Lines, ShownTable, fill
 from counterflex.core.units import UM
 from counterflex.twin.truth.family import FAMILIES
 
@@ -98,16 +88,11 @@ def simulate(
     reading = source.reading()
     with progress_bar(f"machining {program.name}") as progress:
         summary = job.run(program, cell, truth, out, original=original, reading=reading, progress=progress)
-    if as_json:
-        print_json(summary)
-        return
-    machining = summary["machining"]
-    print_table(
-        f"{summary['program']} machined, seed {summary['seed']}",
-        ["time s", "in the cut s", "peak force N", "largest offset mm"],
-        [[f"{machining[key]:g}" for key in ("duration_s", "cutting_s", "peak_force_n", "largest_offset_mm")]],
+    columns = "time s=duration_s:g | in the cut s=cutting_s:g | peak force N=peak_force_n:g | largest offset mm:g"
+    title = fill("{program} machined, seed {seed}", summary)
+    print_summary(
+        Lines(summary, ShownTable.of(title, columns, [summary["machining"]])), as_json, out, " ({seconds:.1f} s)"
     )
-    typer.echo(f"wrote {out} ({summary['seconds']:.1f} s)")
 
 
 def evaluate(
@@ -128,12 +113,7 @@ def evaluate(
 
     with progress_bar("judging"):
         summary = job.run(list(folders), out)
-    if as_json:
-        print_json(summary)
-        return
-    show_figures(summary)
-    if out is not None:
-        typer.echo(f"wrote {out}")
+    print_summary(job.Evaluated(summary), as_json, out)
 
 
 def mesh(
@@ -162,22 +142,12 @@ def mesh(
 
     with progress_bar(f"meshing {folder.name}") as progress:
         summary = job.run(folder, out, range_m=range_um * UM, progress=progress)
-    if as_json:
-        print_json(summary)
-        return
-    print_table(
-        f"deviation of {summary['program']} on {summary['cell']}, along the normal of the surface",
-        ["surface", "points", "50 %", "99.7 %", "largest"],
-        [
-            [name, str(row["points"]), *(_um(row[key]) for key in ("p50_um", "p997_um", "max_um"))]
-            for name, row in ((name, summary[name]) for name in ("walls", "floors"))
-        ],
+    table = ShownTable.of(
+        fill("deviation of {program} on {cell}, along the normal of the surface", summary),
+        "surface | points | 50 %={p50_um:.1f} um~none | 99.7 %={p997_um:.1f} um~none | largest={max_um:.1f} um~none",
+        [summary[name] | {"surface": name} for name in ("walls", "floors")],
     )
-    say_written(out, f"wrote {out}: nominal.stl, machined.ply, points.parquet, summary.json")
-
-
-def _um(value: float | None) -> str:
-    return "none" if value is None else f"{value:.1f} um"
+    print_summary(Lines(summary, table), as_json, out, ": nominal.stl, machined.ply, points.parquet, summary.json")
 
 
 def report(
@@ -233,45 +203,15 @@ def prove(
             reading=source.reading(),
             progress=progress,
         )
-    print_result(summary, as_json, show_proof, out)
+    _print_proof(summary, out, as_json=as_json)
 
 
-def show_figures(summary: dict[str, Any]) -> None:
-    """Print the table of figures of a summary."""
-    from counterflex.evaluate.summary import table_rows
+def _print_proof(summary: dict[str, Any], out: Path, *, as_json: bool) -> None:
+    from counterflex.app.proof.evaluate import ProofSummary
 
-    print_table(
-        f"{summary['program']}: deviation from the nominal path and part, mm",
-        ["figure", "nominal", "compensated", "reduction"],
-        [list(row) for row in table_rows(summary)],
-        note="path, entry, exit: across the feed while cutting. surface: positive = material left. docs/summary.md",
-    )
-
-
-def show_proof(summary: dict[str, Any], out: Path) -> None:
-    """Print the tables of a proof."""
-    from counterflex.app.compensation.headline import error_rows
-    from counterflex.evaluate.summary import seed_rows
-
-    expected = [list(row) for row in error_rows(summary["prediction"])]
-    print_table(f"{summary['program']} on {summary['cell']}: expected of all such cells", ["", "value", ""], expected)
-    show_figures(summary)
-    print_table(
-        f"Per truth seed of the family {summary.get('family', 'mild')} "
-        "(catalogue: the planner knows what is published; exact: it knows the truth's constants)",
-        ["seed", "truth", "p99.7 nominal mm", "p99.7 compensated mm", "p99.7 remains", "max remains"],
-        [list(row) for row in seed_rows(summary)],
-    )
-    peak = summary["prediction"]
-    typer.echo(
-        f"predicted peak force {peak['peak_force_n']['value']:.0f} N in {line_of(peak['peak_force_n'])}, "
-        f"axial depth {peak['peak_axial_depth_mm']['value']:.1f} mm in {line_of(peak['peak_axial_depth_mm'])}, "
-        f"deflection {peak['peak_deflection_um']['value'] / 1000:.2f} mm in {line_of(peak['peak_deflection_um'])} "
-        f"with the axes at {json.dumps([round(v, 1) for v in peak['peak_deflection_um']['joints_deg']])} deg"
-    )
-    for warning in summary.get("written", {}).get("warnings", ()):
-        warn(warning)
-    typer.echo(f"report: {out / 'report.html'}")
+    print_summary(ProofSummary(summary), as_json)
+    if not as_json:
+        typer.echo(f"report: {out / 'report.html'}")
 
 
 def demo(
@@ -299,7 +239,7 @@ def demo(
         cell = Path(folder) / "cell.toml"
         _, part = examples.write(cell)
         summary = job.run(part, cell, out, seeds=numbers, family=family_of(family), workers=workers, progress=progress)
-    print_result(summary, as_json, show_proof, out)
+    _print_proof(summary, out, as_json=as_json)
 
 
 def predict(
@@ -322,11 +262,7 @@ def predict(
     from counterflex.app import ledger as job
 
     made = job.predict(source, cell, out)
-    rows = [[name, *_numbers(one)] for name, one in made["figures"].items()]
-    columns = ["figure", "predicted", "90 % interval"]
-    print_result(made, as_json, lambda _: print_table(f"{made['program']} on {made['cell']}", columns, rows))
-    if not as_json:
-        say_written(out, f"wrote {out}, SHA-256 {made['sha256']}: commit it")
+    print_summary(made, as_json, out, ", SHA-256 {sha256}: commit it")
 
 
 def reveal(
@@ -354,39 +290,9 @@ def reveal(
     from counterflex.app import ledger as job
 
     if ledger is not None and (prediction, measured, out) == (None, None, None):
-        print_result(job.ledger(ledger), as_json, _show_ledger)
+        print_summary(job.ledger(ledger), as_json)
     elif prediction is None or measured is None or ledger is not None:
         raise InputError("reveal needs PREDICTION and CAME, or --ledger DIR alone")
     else:
         keep_inputs(out, prediction, measured)
-        print_result(job.reveal(prediction, measured, out), as_json, _show_pair)
-        say_written(None if as_json else out, f"wrote {out}")
-
-
-def _numbers(one: dict[str, Any]) -> tuple[str, str]:
-    return f"{one['predicted']:g}", "none" if one["low"] is None else f"{one['low']:g} to {one['high']:g}"
-
-
-def _show_rows(title: str, rows: list[dict[str, Any]], *more: str) -> None:
-    inside = {None: "no interval", True: "yes", False: "no"}
-    columns = [*more, "truth", "figure", "predicted", "90 % interval", "came", "inside"]
-    cells = [
-        [*(row[key] for key in (*more, "truth", "figure")), *_numbers(row), f"{row['came']:g}", inside[row["inside"]]]
-        for row in rows
-    ]
-    print_table(title, columns, cells)
-
-
-def _show_pair(pair: dict[str, Any]) -> None:
-    _show_rows(f"{pair['prediction']['program']}, against {pair['against']}", pair["figures"])
-    for what in pair["not_looked_at"]:
-        typer.echo(f"not looked at: {what}")
-
-
-def _show_ledger(ledger: dict[str, Any]) -> None:
-    _show_rows("Every pair", ledger["rows"], "program", "against")
-    columns = ["figure", "against", "inside", "of", "above", "independence"]
-    cells = [[str(one[key]) for key in columns] for one in ledger["credibility"]]
-    print_table("Credibility: what was validated, against what, how independent", columns, cells)
-    for name in ledger["not_revealed"]:
-        typer.echo(f"not revealed: {name}")
+        print_summary(job.reveal(prediction, measured, out), as_json, out)

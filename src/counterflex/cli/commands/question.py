@@ -10,11 +10,13 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.commands.cell_import import cell_import
-from counterflex.cli.output import MODEL_NOTE, print_json, print_table, warn
+from counterflex.cli.output import print_json, print_part, print_summary, print_table
 from counterflex.core.errors import InputError
 from counterflex.core.jit import few_calls
 from counterflex.core.next_command import next_command
+from counterflex.core.result import ShownTable
 
+_GROUPS = ("geometry", "stiffness_about_axes", "masses")
 AsJson = Annotated[bool, option("--json", "Print JSON instead of a table.")]
 Target = Annotated[
     str, argument("A robot of the catalogue, or a cell file (.toml).", arguments.robot_or_cell, "ROBOT|CELL")
@@ -47,24 +49,10 @@ def robots(
     rows = robot_list.robots()
     if as_json:
         print_json(rows)
-    else:
-        print_table(
-            "Robots",
-            ["name", "model", "reach mm", "payload kg", "geometry", "stiffness about axes", "masses"],
-            [
-                [
-                    row["name"],
-                    row["model"],
-                    _number(row["reach_mm"]),
-                    _number(row["payload_kg"]),
-                    row["status"].get("geometry", "not known"),
-                    row["status"].get("stiffness_about_axes", "not known"),
-                    row["status"].get("masses", "not known"),
-                ]
-                for row in rows
-            ],
-            note="counterflex robots NAME shows where each number comes from.",
-        )
+        return
+    status = "".join(f" | {name.replace('_', ' ')}=status[{name}]?~not known" for name in _GROUPS)
+    note = "counterflex robots NAME shows where each number comes from."
+    print_part(ShownTable.of("Robots", f"name | model | reach mm:g | payload kg:g{status}", rows, note))
 
 
 def _print_robot(name: str, row: dict[str, Any], sheet: dict[str, Any]) -> None:
@@ -129,39 +117,12 @@ def pose(
             hint="--joints-deg gives the pose, --xyz-mm the joint angles",
         )
     chain = pose_questions.chain_of(target)
-    if joints is not None:
-        with few_calls():
-            answer = pose_questions.pose_of_joints(chain, joints)
-        if as_json:
-            print_json(answer)
-        else:
-            tcp = answer["tcp_in_base"]
-            print_table(f"TCP of {chain.name} in its base", list(tcp), [[f"{value:.4f}" for value in tcp.values()]])
-            print_table("Margin to the joint limits, deg", *_row(answer["margins"]))
-        return
     with few_calls():
-        answer = pose_questions.joints_of_pose(chain, xyz or [], numbers(abc_deg, "--abc-deg", 3) or [])
-    if as_json:
-        print_json(answer)
-        return
-    print_table(
-        f"{len(answer['solutions'])} ways for {chain.name} to be there",
-        ["branch", *(f"A{i} deg" for i in range(1, 7)), "smallest margin deg", "wrist deg"],
-        [
-            [
-                solution["branch"],
-                *(f"{angle:.4f}" for angle in solution["joints_deg"]),
-                f"{min(solution['margins'].values()):.2f}",
-                f"{solution['wrist_deg']:.2f}",
-            ]
-            for solution in answer["solutions"]
-        ],
-        note="wrist: how far axis 5 is from the wrist singularity.",
-    )
-
-
-def _row(values: dict[str, float]) -> tuple[list[str], list[list[str]]]:
-    return list(values), [[f"{value:.2f}" for value in values.values()]]
+        if joints is not None:
+            answer = pose_questions.pose_of_joints(chain, joints)
+        else:
+            answer = pose_questions.joints_of_pose(chain, xyz or [], numbers(abc_deg, "--abc-deg", 3) or [])
+    print_summary(answer, as_json)
 
 
 def deflection(
@@ -189,38 +150,7 @@ def deflection(
             numbers(force_n, "--force-n", 3) or [],
             numbers(moment_nm, "--moment-nm", 3) or [],
         )
-    if as_json:
-        print_json(answer)
-        return
-    rows = [
-        [what, *(f"{v:.2f}" for v in answer[key]["dx_dy_dz_um"]), f"{answer[key]['length_um']:.2f}"]
-        + [f"{v:.2f}" for v in answer[key]["rx_ry_rz_urad"]]
-        for what, key in (("linear", "linear"), ("nonlinear", "nonlinear"), ("own weight (sag)", "gravity_sag"))
-    ]
-    columns = ["", "dx um", "dy um", "dz um", "length um", "rx urad", "ry urad", "rz urad"]
-    print_table(
-        f"Deflection of the TCP of {chain.name}, base axes",
-        columns,
-        rows,
-        note=f"Linear and nonlinear differ by {answer['gap_um']:.3f} um. {MODEL_NOTE}",
-    )
-    matrix = answer["compliance"]["translation_um_per_kn"]
-    print_table(
-        "Compliance, um/kN (base axes)",
-        ["", "Fx", "Fy", "Fz"],
-        [[name, *(f"{value:.1f}" for value in row)] for name, row in zip(("dx", "dy", "dz"), matrix, strict=True)],
-    )
-    print_table(
-        "Share of each element",
-        ["segment", "dx um", "dy um", "dz um", "share"],
-        [_share(row) for row in answer["shares"]],
-    )
-    for warning in answer["warnings"]:
-        warn(warning)
-
-
-def _share(row: dict[str, Any]) -> list[str]:
-    return [row["segment"], *(f"{value:.1f}" for value in row["dx_dy_dz_um"]), f"{100 * row['share']:.1f}%"]
+    print_summary(answer, as_json)
 
 
 def cell_check(
@@ -238,78 +168,7 @@ def cell_check(
 
     with few_calls(program is None):
         answer = questions.check_cell(str(cell), program)
-    if as_json:
-        print_json(answer)
-        return
-    print_table(
-        f"{answer['cell']}: elastic chain, {answer['mass_kg']:g} kg",
-        ["segment", "compliance", "mass kg"],
-        [
-            [
-                row["segment"],
-                "  ".join(f"{key} {value:g}" for key, value in row["compliance"].items()) or "rigid",
-                f"{row['mass_kg']:g}",
-            ]
-            for row in answer["segments"]
-        ],
-    )
-    if answer["at_corner"] is not None:
-        print_table(
-            f"Compliance at the corner of the stock {answer['at_corner']['xyz_mm']} mm",
-            ["direction", "um/N", "weakest element", "its share"],
-            [
-                [row["direction"], f"{row['um_per_n']:.2f}", row["weakest"], f"{100 * row['share']:.0f}%"]
-                for row in answer["softness"]
-            ],
-            note=f"Own-weight sag varies by {answer['sag_variation_um']:.0f} um over the stock. "
-            f"Smallest joint margin {answer['smallest_joint_margin_deg']:.1f} deg.",
-        )
-    if answer["identified"]:
-        print_table(
-            "Identified from measurements",
-            ["recipe", "date", "data", "error on held-out data", "values determined", "not determined"],
-            [
-                [entry["recipe"], entry["date"], ", ".join(entry["data"]), entry["holdout"], *_seen(entry["values"])]
-                for entry in answer["identified"]
-            ],
-            note=f"Values with their standard deviations: {next_command('cell check', 'CELL', json=True)}",
-        )
-    if answer["unknowns"] is not None:
-        _show_unknowns(answer["unknowns"])
-    for assumption in answer["assumptions"]:
-        typer.echo(f"note: {assumption}")
-    for warning in answer["warnings"]:
-        warn(warning)
-    typer.echo("cell file ok" if not answer["warnings"] else f"cell file readable, {len(answer['warnings'])} warnings")
-
-
-def _show_unknowns(unknowns: dict[str, Any]) -> None:
-    """Print what is not known, by what it leaves, and what to measure first."""
-    print_table(
-        f"Not known, by what it leaves uncorrected {unknowns['where']}",
-        ["unknown", "known from", "leaves mm", "90 % of cells, mm", "measure"],
-        [
-            [
-                row["unknown"],
-                row["known_from"],
-                "" if row["leaves_mm"] is None else f"{row['leaves_mm']:.2f}",
-                "not at rest"
-                if row["of_90_percent_mm"] is None
-                else f"{row['of_90_percent_mm'][0]:.2f} to {row['of_90_percent_mm'][1]:.2f}",
-                row["measure"],
-            ]
-            for row in unknowns["rows"]
-        ],
-    )
-    first = unknowns["measure_first"]
-    if first is not None:
-        typer.echo(f"measure first: {first['command']} ({first['removes_mm']:.2f} mm, up to {first['up_to_mm']:.2f})")
-
-
-def _seen(values: list[dict[str, Any]]) -> tuple[str, str]:
-    """Return how many values the data see, and how many stayed as they were known before."""
-    unseen = sum(value["seen"] == "prior" for value in values)
-    return str(len(values) - unseen), str(unseen)
+    print_summary(answer, as_json)
 
 
 def cell_example(

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Annotated
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import AssumeClass, Dialect, Out, Parameters, Program, WithoutEnd
-from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 from counterflex.programs.language import BY_ENDING
 
 
@@ -66,43 +64,4 @@ def quote(
             assume_class=assume_class,
             progress=progress,
         )
-    print_result(summary, as_json, _show, out)
-
-
-def _show(summary: dict[str, Any], out: Path) -> None:
-    rows = [
-        [
-            row["feature"],
-            row["quantity"],
-            f"{row['nominal_mm']:.3f}",
-            f"{row['tolerance_mm']:.3f}",
-            _percent(row["probability"]),
-            "" if row["probability_as_it_is"] is None else _percent(row["probability_as_it_is"]),
-            f"{row['tolerance_held_90_mm']:.3f}",
-        ]
-        for row in summary["features"]
-    ]
-    columns = ["feature", "quantity", "nominal mm", "tolerance mm", "held with %", "uncompensated %", "9 of 10 hold mm"]
-    print_table(f"{summary['part']}: {summary['program']} on {summary['cell']}", columns, rows)
-    whole = summary["all_hold"]
-    low, high = (_percent(value) for value in whole["probability_90"])
-    typer.echo(
-        f"all of them hold with {_percent(whole['probability'])} % ({low} to {high} % by {summary['draws']} draws)"
-    )
-    typer.echo(summary["judged"])
-    remedies = [
-        [row["remedy"], _percent(row["all_hold"]), f"{100.0 * row['gain']:+.1f}", f"{100.0 * row['mean_gain']:+.1f}"]
-        for row in summary["remedies"]
-    ]
-    print_table("What raises it most", ["remedy", "all hold %", "gain %", "mean gain %"], remedies)
-    typer.echo("not looked at:")
-    for row in summary["remedies_not_looked_at"]:
-        typer.echo(f"  {row['remedy']}: {row['why']}")
-    for row in summary["not_looked_at"]:
-        typer.echo(f"  {row['what']}: {row['why']}")
-    typer.echo(f"  {', '.join(summary['causes_not_looked_at'])}")
-    typer.echo(f"wrote {out}: report.html, summary.json ({summary['seconds']:.1f} s)")
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.1f}"
+    print_summary(summary, as_json, out, ": report.html, summary.json ({seconds:.1f} s)")

@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from counterflex.cli import arguments, interrupt
 from counterflex.cli.arguments import address, option
-from counterflex.cli.commands.log import show_process
 from counterflex.cli.commands.program import CellFile, MachineOptions, Out, Program
 from counterflex.cli.commands.simulated.options import require_not_abandoned, say_force_device
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import (
-    Layers,
-    host_port,
-    keep_inputs,
-    line_period_s,
-    print_result,
-    print_table,
-    progress_bar,
-)
+from counterflex.cli.output import Layers, host_port, keep_inputs, line_period_s, print_summary, progress_bar
 from counterflex.core.errors import InputError
+from counterflex.core.result import Parts, ShownTable, Summary
 
 Rsi = Annotated[
     Path | None, option("--rsi", "KUKA: ETHERNET configuration file of the RSI context (.xml).", arguments.file, "FILE")
@@ -125,7 +117,7 @@ def run(
         warn=_warn,
         preparing=Preparing(line_period_s()),
     )
-    print_result(summary, as_json, _show, out)
+    print_summary(_RunSummary(summary), as_json, out)
     if summary["ended"]["wrong"]:
         interrupt.went_wrong(summary["ended"]["status"])
     if summary["ended"]["status"]:
@@ -142,29 +134,20 @@ def _warn(line: str) -> None:
     typer.echo(f"warning: {line}", err=True)
 
 
-def _show(summary: dict[str, Any], out: Path) -> None:
-    """Print what a run was, for people."""
-    from counterflex.protocols.session.comparison import summary_lines
+class _RunSummary(Summary):
+    """Counts, times and events of an online run."""
 
-    print_table(
-        "Online run",
-        ["cycles", "seconds", "largest correction um", "compute p50 us", "p99 us", "records lost"],
-        [
-            [
-                f"{summary[key]:g}" if not isinstance(summary[key], dict) else ""
-                for key in ("cycles", "seconds", "largest_correction_um")
-            ]
-            + [f"{summary['compute_us'][key]:g}" for key in ("p50", "p99")]
-            + [f"{summary['records_lost']}"]
-        ],
-    )
-    typer.echo("states: " + ", ".join(f"{name} {count}" for name, count in summary["states"].items()))
-    show_process(summary)
-    for line in summary_lines(summary["compared"]):
-        typer.echo(line)
-    if summary["causes"]:
-        typer.echo("causes: " + ", ".join(name.replace("_", " ") for name in summary["causes"]))
-    typer.echo(f"wrote {out}")
+    def _shown(self) -> Parts:
+        from counterflex.app.run.log_summary import process_parts
+        from counterflex.protocols.session.comparison import summary_lines
+
+        columns = "cycles:g | seconds:g | largest correction um:g | compute p50 us=compute_us[p50]:g | "
+        yield ShownTable.of("Online run", columns + "p99 us=compute_us[p99]:g | records lost", [self])
+        yield "states: " + ", ".join(f"{name} {count}" for name, count in self["states"].items())
+        yield from process_parts(self)
+        yield from summary_lines(self["compared"])
+        if self["causes"]:
+            yield "causes: " + ", ".join(name.replace("_", " ") for name in self["causes"])
 
 
 @with_records

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, numbers, option
-from counterflex.cli.output import keep_inputs, print_json, print_table
+from counterflex.cli.output import keep_inputs, print_summary
 
 
 def thermal(
@@ -53,41 +52,6 @@ def thermal(
     x, y, z = numbers(axis, "--axis", 3) or (0.0, 0.0, -1.0)
     per_kelvin_m = None if um_per_k is None else um_per_k * UM
     summary = job.ThermalSettings(touches, (x, y, z), limit_um * UM, per_kelvin_m, model).run(out)
-    if as_json:
-        print_json(summary)
-    else:
-        print_table(
-            "Thermal growth, um",
-            ["minutes", "rpm", "spindle", "+-", "arm x", "y", "z", "+-", "together", "+-", "surprise"],
-            [
-                [
-                    f"{row['minutes']:g}",
-                    f"{row['rpm']}",
-                    f"{row['growth_um']:.1f}",
-                    f"{row['growth_sigma_um']:.1f}",
-                    *(f"{v:.1f}" for v in row["arm_um"]),
-                    f"{max(row['arm_sigma_um']):.1f}",
-                    f"{row['total_um']:.1f}",
-                    f"{row['total_sigma_um']:.1f}",
-                    "-" if row["surprise"] is None else f"{row['surprise']:.1f}" + _mark(row),
-                ]
-                for row in summary["touches"]
-            ],
-        )
-        typer.echo(
-            f"spindle: {summary['end_um']:.0f} +- {summary['end_sigma_um']:.0f} um in the end at "
-            f"{summary['reference_rpm']} rpm, time constant {summary['time_constant_min']:g} +- "
-            f"{summary['time_constant_sigma_min']:g} min"
-        )
-        for alert in summary["alerts"]:
-            typer.echo(f"alert: {alert}")
-        if out is not None:
-            typer.echo(f"wrote {out}")
+    print_summary(summary, as_json, out)
     if summary["alerts"]:
         raise typer.Exit(1)
-
-
-def _mark(row: Mapping[str, Any]) -> str:
-    if row["jump_um"] > 0.0:
-        return f" jump of {row['jump_um']:.0f}" + ("?" if row["holds"] else "")
-    return "" if row["holds"] else " !"

@@ -36,7 +36,7 @@ import scipy
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM, UM
+from counterflex.core.units import MM, UM, plain
 from counterflex.evaluate.path_error.contacts import UNREST_M, Contacts
 from counterflex.evaluate.path_error.estimate import PathError
 
@@ -259,6 +259,13 @@ class ExpectedSurface:
     median_m: float  # of the next one
     low_m: float  # 5 % of what may be are below
     high_m: float  # 5 % are above
+
+    def shown(self) -> dict[str, Any]:
+        """Shop units."""
+        return plain(
+            self,
+            "now_p997_um=now_m:1 next_p997_um=median_m:1 next_5_percent_um=low_m:1 next_95_percent_um=high_m:1",
+        )
 
 
 def surface_now(estimate: PathError, contacts: Contacts) -> float:

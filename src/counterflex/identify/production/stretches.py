@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, fields
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM, UM
+from counterflex.core.units import MM, UM, plain
 from counterflex.cutting.arc_force import ArcCuts, TermForce
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
@@ -76,6 +76,10 @@ class RunCut:
     contact_s: float  # time in the cut
     zero_drift_n: Float  # (3,) largest change of the zero over a cut
     online_m: float  # largest correction that was sent online in the cut
+
+    def shown(self) -> dict[str, Any]:
+        """Plain values."""
+        return plain(self, "zero_drift_n:2 largest_online_um=online_m:1")
 
 
 def joined(parts: list[Stretches]) -> Stretches:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Annotated
 
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import MODEL_NOTE, MODEL_UM, keep_inputs, line_of, print_result, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 from counterflex.core.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -62,26 +59,4 @@ def entry(
 
     with progress_bar(f"entries of {program.name}") as progress:
         summary = job.run(program, cell, out, shape.moves(), reading=source.reading(), progress=progress)
-    print_result(summary, as_json, _show, out)
-
-
-def _show(summary: dict[str, Any], out: Path) -> None:
-    rows = [
-        [
-            line_of(row, bare=True),
-            row["kind"],
-            row["move"] or f"kept: {row['kept']}",
-            _pair(row["peak_force_n"], ".0f"),
-            _pair(row["force_step_n_per_ms"], ".2f"),
-            _pair(row["error_um"], ".0f"),
-        ]
-        for row in summary["entries"]
-    ]
-    head = ["line", "entry", "move", "peak force N", "force step N/ms", f"error, {MODEL_UM}"]
-    before, after = summary["time_s"]
-    print_table(f"{summary['program']}: entries and exits, {before:g} -> {after:g} s", head, rows, note=MODEL_NOTE)
-    typer.echo(f"wrote {out}: {summary['program']}, summary.json")
-
-
-def _pair(values: list[float | None], form: str) -> str:
-    return " -> ".join(format(value, form) for value in values if value is not None)
+    print_summary(summary, as_json, out, ": {program}, summary.json")

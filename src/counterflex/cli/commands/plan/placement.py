@@ -4,24 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, cast
 
-import typer
-
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import (
-    EXPECTED_NOTE,
-    EXPECTED_UM,
-    MODEL,
-    MODEL_NOTE,
-    MODEL_UM,
-    expected_text,
-    keep_inputs,
-    print_table,
-    progress_bar,
-    say_written,
-)
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 
 
 @with_records
@@ -122,86 +109,5 @@ def placement(
         else:
             mounted = None if mounting is None else Mounting(*arguments.body_angles(mounting, "--mounting"))
             summary = job.run(program, cell, out, mounting=mounted, progress=progress, **options)
-    if summary["chosen"] is not None:
-        _show(summary)
-    if per_operation:
-        _show_operations(summary)
     table = "candidates.csv, " if summary["chosen"] is not None else ""
-    say_written(out, f"wrote {out}: cell.toml, {table}summary.json")
-
-
-def _show(summary: dict[str, Any]) -> None:
-    axes = summary["external_axes"]
-    columns = ["place", "x mm", "y mm", "z mm", "a deg", *axes, "branch", "rotation deg", EXPECTED_UM, MODEL_UM]
-    columns += ["with lost motion um", "damping in cut", "reversals", "limit margin deg", "wrist deg", "clearance mm"]
-    note = (
-        f"Deflection at rest, not compensated: 99.7 % of the cut stay below it. {EXPECTED_NOTE} With lost motion: "
-        "power mean of the error with lost motion and swing, by the model too."
-    )
-    print_table(
-        f"{summary['program']} on {summary['cell']}",
-        columns,
-        [[name, *_row(summary[name], axes)] for name in ("present", "posture_alone", "chosen")],
-        note=note,
-    )
-    for row in summary.get("mountings", []):
-        typer.echo(_angle(row, summary["mounting"]))
-    if summary["reduction_percent"] is not None:
-        typer.echo(f"{summary['reduction_percent']:g} % less deflection than in the present place and posture")
-    refused = ", ".join(f"{count} {reason}" for reason, count in summary["refused"].items())
-    typer.echo(f"{summary['candidates']} places judged in {summary['search_s']:g} s; refused: {refused or 'none'}")
-
-
-def _show_operations(summary: dict[str, Any]) -> None:
-    """Places of the operations, and what they gain."""
-    axes, whole = summary["external_axes"], summary["per_operation"]
-    rows = [
-        [
-            f"{row['lines'][0]}-{row['lines'][1]}", f"{row['cut_mm']:g}", *(f"{row[name]:g}" for name in axes),
-            f"{row['error_um']:g}", "" if row["in_one_place_um"] is None else f"{row['in_one_place_um']:g}",
-        ]
-        for row in summary["operations"]
-    ]  # fmt: skip
-    print_table(
-        "Operations", ["lines", "cut mm", *axes, MODEL_UM, "in one place um"], rows,
-        note=f"One posture for all: {whole['branch']}, {whole['rotation_about_tool_deg']:g} deg about the tool. "
-        f"{MODEL_NOTE}",
-    )  # fmt: skip
-    if whole["in_one_place_um"] is None:
-        typer.echo(f"one place for all cannot be run ({summary.get('one_place_refused', 'in this posture')})")
-    else:
-        typer.echo(
-            f"{whole['moves']} moves between operations, {MODEL}: {whole['error_um']:g} um of error, "
-            f"{whole['reduction_percent']:g} % less than {whole['in_one_place_um']:g} um in the best place for all"
-        )
-
-
-def _angle(row: dict[str, Any], made: dict[str, Any]) -> str:
-    """One angle of the spindle: its best place, or why there is none."""
-    worth = (
-        row["refused"] if row["deflection_um"] is None else f"{row['deflection_um']:g} um in its best place ({MODEL})"
-    )
-    marks = [word for word in ("present", "chosen") if row["angle_deg"] == made[f"{word}_deg"]]
-    remark = f" ({', '.join(marks)})" if marks else ""
-    return f"{made['body']}.{made['key']} = {row['angle_deg']:g}: {worth}{remark}"
-
-
-def _row(held: dict[str, Any] | None, axes: list[str]) -> list[str]:
-    keys = [
-        "x_mm",
-        "y_mm",
-        "z_mm",
-        "a_deg",
-        *axes,
-        "branch",
-        "rotation_about_tool_deg",
-        "expected",
-        "deflection_um",
-        "error_um",
-    ]
-    keys += ["damping_in_cut", "reversals", "limit_margin_deg", "wrist_deg", "clearance_mm"]
-    if held is None:
-        return ["out of reach", *[""] * (len(keys) - 1)]
-    held = held | {"expected": expected_text(held)}
-    values = [held[key] for key in keys]
-    return ["" if v is None else v if isinstance(v, str) else f"{v:g}" for v in values]
+    print_summary(summary, False, out, f": cell.toml, {table}summary.json")

@@ -2,24 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, cast
-
-import typer
+from typing import Annotated, cast
 
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import (
-    EXPECTED_NOTE,
-    EXPECTED_UM,
-    MODEL_UM,
-    expected_text,
-    keep_inputs,
-    print_json,
-    print_table,
-    progress_bar,
-    say_written,
-)
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 from counterflex.core.units import DEG
 
 
@@ -73,44 +61,4 @@ def posture(
             freedom=Freedom(rotations, turning * DEG, turning * DEG),
             progress=progress,
         )
-    if as_json:
-        print_json(summary)
-        return
-    _show(summary)
-    say_written(out, f"wrote {out}: cell.toml, postures.csv, summary.json")
-
-
-def _show(summary: dict[str, Any]) -> None:
-    rows = [[name, *_row(summary[name])] for name in ("present", "chosen")]
-    columns = ["posture", EXPECTED_UM, "branch", "rotation deg", "turned deg", MODEL_UM, "largest um", "in line"]
-    columns += ["reversals", "unloadings", "limit margin deg", "wrist deg"]
-    note = (
-        f"Deflection without compensation: 99.7 % of the cut stay below it, normal to "
-        f"{_SURFACE_WORDS[summary['surface']]}. {EXPECTED_NOTE}"
-    )
-    print_table(f"{summary['program']} on {summary['cell']}", columns, rows, note=note)
-    if summary["reduction_percent"] is not None:
-        typer.echo(f"{summary['reduction_percent']:g} % less deflection than in the present posture")
-    typer.echo(f"{summary['poses']} postures tried; no posture could be below {summary['bound_um']:g} um in the mean")
-
-
-_SURFACE_WORDS: Final = {"both": "wall and floor", "wall": "the wall", "floor": "the floor"}
-
-
-def _row(held: dict[str, Any] | None) -> list[str]:
-    if held is None:
-        return ["out of reach", *[""] * 10]
-    keys = (
-        "branch",
-        "rotation_about_tool_deg",
-        "turned_deg",
-        "deflection_um",
-        "largest_um",
-        "largest_in_line",
-        "reversals",
-    )
-    return [
-        expected_text(held),
-        *(str(held[key]) if isinstance(held[key], str) else f"{held[key]:g}" for key in keys),
-        *(f"{held[key]:g}" for key in ("unloadings", "limit_margin_deg", "wrist_deg")),
-    ]
+    print_summary(summary, as_json, out, ": cell.toml, postures.csv, summary.json")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -11,7 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, line_of, print_result, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 
 
 @with_records
@@ -86,56 +86,6 @@ def stability(
             reading=source.reading(),
             progress=progress,
         )
-    print_result(summary, as_json, _show)
-    if out is not None and not as_json:
-        say_written(out, f"wrote {out}: report.html, stability.csv, lobes.csv, summary.json")
+    print_summary(summary, as_json, out, ": report.html, stability.csv, lobes.csv, summary.json")
     if summary["verdict"] == "chatter":
         raise typer.Exit(1)
-
-
-def _show(summary: dict[str, Any]) -> None:
-    rows = []
-    for tool in summary["tools"]:
-        worst = tool["worst"]
-        rows.append(
-            [
-                f"T{tool['tool']}",
-                line_of(worst),
-                _number(worst["axial_depth_mm"], "mm"),
-                f"{worst['entry_deg']:.0f} to {worst['exit_deg']:.0f} deg",
-                f"{worst['spindle_rpm']:.0f} rpm",
-                _number(worst["robot_margin"], "", "no limit"),
-                _number(worst["tool_margin"], "", "no limit"),
-                _number(tool["semi_discretisation_margin"], "", "no limit"),
-                _number(worst["chatter_hz"], "Hz"),
-            ]
-        )
-    print_table(
-        f"{summary['program']} on {summary['cell']}: the worst stretch of each tool",
-        ["tool", "worst", "depth", "engaged", "speed", "margin robot", "margin tool", "semi-discr.", "chatter at"],
-        rows,
-    )
-    worst = summary["worst"]
-    typer.echo(
-        f"{summary['verdict']}: least margin {worst['margin']:.3g} at {line_of(worst)} ({worst['method']}); "
-        f"{summary['below_1']} of {summary['stretches']} stretches below 1"
-    )
-    needed = max(tool["needed_damping_ratio"] for tool in summary["tools"])
-    low, high = summary["robot_damping_between"]
-    between = "" if low == high else f", {low:g} to {high:g}"
-    typer.echo(
-        f"robot: damping ratio {summary['robot_damping_ratio']:g} ({summary['robot_damping_from']}{between}); "
-        f"stable from {needed:.3g} upwards"
-    )
-    if summary["verdict_over_interval"] == "open":
-        typer.echo(
-            f"open: the damping ratio was not measured; below {needed:.3g} the program chatters. Give --damping, or "
-            "measure it: counterflex identify servo"
-        )
-    if summary["engagement"] != "closed form":
-        typer.echo(f"engagement: {summary['engagement']} ({summary['cell_mm']:g} mm): the blank is no box")
-    typer.echo(f"spindle and tool: {summary['tool_tip']['from']}")
-
-
-def _number(value: float | None, unit: str, otherwise: str = "") -> str:
-    return otherwise if value is None else f"{value:.3g} {unit}".rstrip()

@@ -4,25 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
-
-import typer
+from typing import TYPE_CHECKING, Annotated, Any
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import AssumeClass, CellFile, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import (
-    EXPECTED_NOTE,
-    EXPECTED_UM,
-    MODEL_UM,
-    expected_text,
-    keep_inputs,
-    line_of,
-    print_result,
-    print_table,
-    progress_bar,
-)
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 from counterflex.core.units import DEG, MM, PERCENT, RPM
 
 if TYPE_CHECKING:
@@ -31,16 +19,6 @@ if TYPE_CHECKING:
 
 def _range(name: str, what: str) -> Any:
     return option(name, f"{what}: a value, or LOW:HIGH.", arguments.positive_range, "RANGE")
-
-
-_NOTE: Final = (
-    f"Errors square to the wall. {EXPECTED_NOTE} Up to: nine of ten stay below. That of the model has a sign: + leaves "
-    "material."
-)
-
-
-FIRST_MODES = 6
-"""Printed; ``--json`` has all."""
 
 
 @dataclass(frozen=True)
@@ -139,77 +117,9 @@ def strategy(
             reading=source.reading(),
             progress=progress,
         )
-    print_result(answer, as_json, _show)
+    print_summary(answer, as_json)
 
 
 def _scaled(text: str | None, name: str, unit: float) -> tuple[float, float] | None:
     given = arguments.span(text, name)
     return None if given is None else (given[0] * unit, given[1] * unit)
-
-
-def _show(answer: dict[str, Any]) -> None:
-    listed = [(str(i + 1), row) for i, row in enumerate(answer["choices"])]
-    if answer["before"] is not None:
-        listed.insert(0, ("before", answer["before"]))
-    columns = ["", "milling", "a_e mm", "a_p mm", "f_z mm", "rpm", EXPECTED_UM, "up to um", MODEL_UM, "F normal N"]
-    columns += ["s/m", "limit"]
-    table = [
-        [
-            name,
-            row["milling"],
-            f"{row['ae_mm']:g}",
-            f"{row['ap_mm']:g}" + (f" x {row['levels']}" if row["levels"] > 1 else ""),
-            f"{row['fz_mm']:g}",
-            f"{row['spindle_rpm']:g}",
-            expected_text(row),
-            f"{row['up_to_um']:.1f}",
-            f"{row['error_um']:+.1f}",
-            f"{row['normal_n']:+.1f}",
-            f"{row['time_s_per_m']:.1f}",
-            _limit(row),
-        ]
-        for name, row in listed
-    ]
-    print_table(f"{answer['program'] or 'wall'} on {answer['cell']}, {answer['material']}", columns, table, note=_NOTE)
-    zero = answer["zero"]
-    force, error = (
-        "nowhere" if zero[key] is None else f"at a_e = {zero[key]:g} mm"
-        for key in ("force_ae_mm", "displacement_ae_mm")
-    )
-    typer.echo(
-        f"up-milling at f_z = {zero['fz_mm']:g} mm: the force normal to the wall is zero {force}, the displacement "
-        f"{error} (half the diameter is {zero['half_diameter_mm']:g} mm)"
-    )
-    typer.echo(_modes(answer["modes"]))
-    for name, error_um in answer["binding"].items():
-        typer.echo(f"binds: {name}; without it {error_um:g} um instead of {_best(answer)}")
-    if not answer["choices"]:
-        worst = ", ".join(f"{name} ({count})" for name, count in answer["beyond"].items())
-        typer.echo(f"none of {answer['tried']} choices is within the limits: {worst}")
-    if answer["not_known"]:
-        typer.echo(f"not looked at, because the cell file does not state it: {', '.join(answer['not_known'])}")
-
-
-def _modes(modes: dict[str, Any]) -> str:
-    first = modes["bands_hz"][:FIRST_MODES]
-    bands = ", ".join(f"{low:g}" if low == high else f"{low:g} to {high:g}" for low, high in first)
-    text = f"first modes along the cut: {bands} Hz"
-    nearest = modes["nearest"]
-    if nearest is None:
-        return text
-    where = "" if nearest["line"] is None else f" in {line_of(nearest)}"
-    return (
-        f"{text}; of tooth passing and runout, {nearest['what']} ({nearest['hz']:g} Hz) swings the tool most{where}: "
-        f"{nearest['magnified']:g} of the displacement at rest, the nearest mode is at {nearest['mode_hz']:g} Hz"
-    )
-
-
-def _best(answer: dict[str, Any]) -> str:
-    return f"{answer['choices'][0]['up_to_um']:g} um" if answer["choices"] else "none"
-
-
-def _limit(row: dict[str, Any]) -> str:
-    if row["beyond"]:
-        return "beyond: " + ", ".join(row["beyond"])
-    share = row["nearest_limit_percent"]
-    return "" if share is None else f"{share:.0f} % of {row['nearest_limit']}"

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Annotated
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 from counterflex.core.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -81,25 +78,4 @@ def trochoid(
 
     with progress_bar(f"loops for {program.name}") as progress:
         summary = job.run(program, cell, out, loops.requested(), reading=source.reading(), progress=progress)
-    print_result(summary, as_json, _show, out)
-
-
-def _show(summary: dict[str, Any], out: Path) -> None:
-    before, after = summary["time_s"]
-    rows = [
-        ["slots in lines", ", ".join(map(str, summary.get("places", summary["lines"]))), ""],
-        ["loops", f"radius {summary['radius_mm']:g} mm", f"step {summary['step_mm']:g} mm"],
-        [
-            "engagement, computed",
-            f"{summary['engagement_deg']:.1f} deg",
-            f"mean {summary['mean_engagement_deg']:.1f} deg",
-        ],
-        ["engagement, cut", f"{summary['cut_engagement_deg']:.1f} deg", "99 % of the loops stay below"],
-        ["feed", f"{summary['feed_mm_min']:g} mm/min", f"bound by {summary['feed_bound_by']}"],
-        ["mean force, largest", f"{summary['peak_force_n'][1]:g} N", f"{summary['peak_force_n'][0]:g} N before"],
-        ["volume", f"{summary['volume_percent']:g} %", "of that of the slots"],
-        ["time", f"{after:g} s", f"{before:g} s before"],
-    ]
-    title = f"{summary['program']}: {summary['milling']}-milling with T{summary['tool']}"
-    print_table(title, ["", "value", ""], rows)
-    typer.echo(f"wrote {out}: {summary['program']}, summary.json")
+    print_summary(summary, as_json, out, ": {program}, summary.json")

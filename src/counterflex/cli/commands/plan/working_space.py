@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, cast
 
-import typer
-
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
-from counterflex.cli.output import MODEL_NOTE, MODEL_UM, keep_inputs, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 
 
 @with_records
@@ -58,16 +56,4 @@ def working_space(
             points=points,
             progress=progress,
         )
-    rows = {"present": summary["present"], **{f"best, {view}": row for view, row in summary["best"].items()}}
-    keys = ("x_mm", "y_mm", "z_mm", "deflection_um", "stiffness_n_per_um", "first_mode_hz", "margin_deg")
-    print_table(
-        f"{summary['program']} on {summary['cell']}",
-        ["place", "x mm", "y mm", "z mm", MODEL_UM, "softest N/um", "first mode Hz", "margin deg"],
-        [
-            [name, *("" if row is None or row[key] is None else f"{row[key]:g}" for key in keys)]
-            for name, row in rows.items()
-        ],
-        note=f"Deflection without compensation. {MODEL_NOTE}",
-    )
-    typer.echo(f"{summary['places']} places, {summary['refused']} of them refused")
-    say_written(out, f"wrote {out}: report.html, map.csv, summary.json")
+    print_summary(summary, False, out, ": report.html, map.csv, summary.json")

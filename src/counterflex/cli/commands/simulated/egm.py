@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import typer
-
 from counterflex.cli import arguments
 from counterflex.cli.arguments import address, option
 from counterflex.cli.commands.program import CellFile, Program
@@ -13,12 +11,13 @@ from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import (
     Fault,
     RecordFile,
-    print_refused,
-    print_reply,
     print_start,
+    refused_lines,
+    reply_lines,
     require_not_abandoned,
 )
-from counterflex.cli.output import Layers, keep_inputs, print_json, progress_bar
+from counterflex.cli.output import Layers, keep_inputs, print_summary, progress_bar
+from counterflex.core.result import Lines
 
 
 def egm(
@@ -70,14 +69,14 @@ def egm(
     }
     with progress_bar(f"EGM {program.name}") as progress:
         summary = imported(ROBOT_LINKS["egm"].alone)(Watched(record, print_start, progress), **settings)
-    if as_json:
-        print_json(summary)
-        require_not_abandoned(summary["ended"])
-        return
-    typer.echo(
-        f"{summary['ended']} after {summary['cycles']} messages, {summary['late_answers']} cycles without one for us"
+    print_summary(
+        Lines(
+            summary,
+            "{ended} after {cycles} messages, {late_answers} cycles without one for us",
+            *refused_lines(summary),
+            "largest distance of the tool from its program: {largest_shift_mm:g} mm",
+            *reply_lines(summary),
+        ),
+        as_json,
     )
-    print_refused(summary)
-    typer.echo(f"largest distance of the tool from its program: {summary['largest_shift_mm']:g} mm")
-    print_reply(summary)
     require_not_abandoned(summary["ended"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,8 +12,9 @@ from counterflex.cli.arguments import address, argument, option
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import Fault, Seconds, say_force_device
-from counterflex.cli.output import Layers, host_port, print_json
+from counterflex.cli.output import Layers, host_port, print_summary
 from counterflex.core.errors import InputError
+from counterflex.core.result import Lines
 
 LoadFile = Annotated[
     Path | None,
@@ -57,11 +58,7 @@ def netft(
     shown = load(table, file, faults.seed)
 
     summary = job.LoneForce("netft", shown, start, seconds).run(started=say_force_device)
-    if as_json:
-        print_json(summary)
-        return
-    typer.echo(f"{summary['ended']} after {summary['samples']} samples; {summary['records']} records left")
-    _show_skipped(summary["given_up"])
+    _print_end(summary, as_json, "{samples} samples; {records} records left")
 
 
 def wrench(
@@ -97,11 +94,7 @@ def wrench(
     start = ForceStart(host=host, port=port, rate_hz=table.rate_hz, status=table.status, faults=faults, values=values)
     shown = load(table, file, faults.seed)
     summary = job.LoneForce("wrench", shown, start, seconds).run()
-    if as_json:
-        print_json(summary)
-        return
-    typer.echo(f"{summary['ended']} after {summary['samples']} samples")
-    _show_skipped(summary["given_up"])
+    _print_end(summary, as_json, "{samples} samples")
 
 
 def tracker(
@@ -164,16 +157,14 @@ def tracker(
         faults=faults,
     )
     summary = settings.run()
-    if as_json:
-        print_json(summary)
-        return
-    typer.echo(f"{summary['ended']} after {summary['measurements']} measurements")
-    _show_skipped(summary["given_up"])
+    _print_end(summary, as_json, "{measurements} measurements")
 
 
-def _show_skipped(count: int) -> None:
-    if count:
-        typer.echo(f"{count} samples were given up: this computer is too slow for the rate", err=True)
+def _print_end(summary: dict[str, Any], as_json: bool, what: str) -> None:
+    """Print how many telegrams of an instrument went out, and whether this computer was too slow."""
+    print_summary(Lines(summary, "{ended} after " + what), as_json)
+    if not as_json and summary.get("given_up"):
+        typer.echo(f"{summary['given_up']} samples were given up: this computer is too slow for the rate", err=True)
 
 
 def ads(
@@ -217,7 +208,4 @@ def ads(
         faults=schedule(trial, fault),
         started=lambda server: typer.echo(f"TwinCAT at {server.address[0]}:{server.address[1]}", err=True),
     )
-    if as_json:
-        print_json(summary)
-        return
-    typer.echo(f"{summary['ended']} after {summary['requests']} requests")
+    _print_end(summary, as_json, "{requests} requests")

@@ -9,6 +9,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
+from counterflex.core.result import PlainLine
 
 Fault = Annotated[
     list[str] | None,
@@ -26,16 +27,16 @@ RecordFile = Annotated[
 ]
 
 
-def print_refused(summary: dict[str, Any]) -> None:
-    """Answers that were refused, by reason."""
-    if summary["refused"]:
-        typer.echo("refused: " + ", ".join(f"{why} {count}" for why, count in summary["refused"].items()))
+def refused_lines(summary: dict[str, Any]) -> list[PlainLine]:
+    """Answers that were refused, by cause."""
+    counts = ", ".join(f"{why} {count}" for why, count in summary["refused"].items())
+    return [PlainLine(f"refused: {counts}")] if counts else []
 
 
-def print_reply(summary: dict[str, Any]) -> None:
-    """Time that replies took, where it was real time."""
-    if summary["reply_us"] is not None:
-        typer.echo("reply: " + ", ".join(f"{name} {value:g} us" for name, value in summary["reply_us"].items()))
+def reply_lines(summary: dict[str, Any]) -> list[PlainLine]:
+    """Times of reply."""
+    times = ", ".join(f"{name} {value:g} us" for name, value in (summary["reply_us"] or {}).items())
+    return [PlainLine(f"reply: {times}")] if times else []
 
 
 def print_start(_: tuple[str, int], where: tuple[str, int]) -> None:

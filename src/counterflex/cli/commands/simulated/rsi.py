@@ -13,13 +13,14 @@ from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import (
     Fault,
     RecordFile,
-    print_refused,
-    print_reply,
     print_start,
+    refused_lines,
+    reply_lines,
     require_not_abandoned,
 )
-from counterflex.cli.output import Layers, host_port, keep_inputs, print_result, progress_bar
+from counterflex.cli.output import Layers, host_port, keep_inputs, print_summary, progress_bar
 from counterflex.core.errors import InputError
+from counterflex.core.result import Lines, fill
 
 
 def rsi(
@@ -85,20 +86,21 @@ def rsi(
     }
     with progress_bar(f"RSI {rsi.name}") as progress:
         summary = imported(ROBOT_LINKS["rsi"].alone)(Watched(record, print_start, progress), **settings)
-    print_result(summary, as_json, _tell_rsi)
-    require_not_abandoned(summary["ended"])
-
-
-def _tell_rsi(summary: dict[str, Any]) -> None:
-    correction, step = summary["largest_correction"], summary["largest_step"]
-    typer.echo(
-        f"{summary['ended']} after {summary['cycles']} telegrams, {summary['late_answers']} answers late or refused"
-    )
-    print_refused(summary)
-    for name, value in (("largest correction", correction), ("largest step", step)):
-        typer.echo(f"{name}: {value['mm']:g} mm, {value['deg']:g} deg, axes {value['axes_deg']:g} deg")
     age = summary["age_cycles"]
-    typer.echo(f"correction in force at most {age['max']} cycles old; 4 or less in {age['share_at_most_4']:.4%}")
-    print_reply(summary)
-    if summary["stalls"]:
+    print_summary(
+        Lines(
+            summary,
+            "{ended} after {cycles} telegrams, {late_answers} answers late or refused",
+            *refused_lines(summary),
+            *(
+                name.replace("_", " ") + fill(": {mm:g} mm, {deg:g} deg, axes {axes_deg:g} deg", summary[name])
+                for name in ("largest_correction", "largest_step")
+            ),
+            f"correction in force at most {age['max']} cycles old; 4 or less in {age['share_at_most_4']:.4%}",
+            *reply_lines(summary),
+        ),
+        as_json,
+    )
+    if summary["stalls"] and not as_json:
         typer.echo(f"{summary['stalls']} telegrams sent late: this computer is too slow for real time", err=True)
+    require_not_abandoned(summary["ended"])

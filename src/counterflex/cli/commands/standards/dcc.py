@@ -12,8 +12,9 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.question import AsJson
-from counterflex.cli.output import keep_inputs, print_json, print_table, say_written
+from counterflex.cli.output import keep_inputs, print_summary
 from counterflex.core.errors import CounterflexError, InputError
+from counterflex.core.result import Lines, PlainLine
 from counterflex.core.similar import twice
 
 dcc = typer.Typer(
@@ -91,39 +92,7 @@ def show(certificate: CertificateFile, as_json: AsJson = False) -> None:
     """
     from counterflex.app.certificate.write import described
 
-    answer = described(certificate)
-    if as_json:
-        print_json(answer)
-        return
-    items = "; ".join(" ".join([one["name"], *one["identifications"]]) for one in answer["items"])
-    signed = "Signed; the signature was not checked." if answer["signed"] else "Not signed."
-    print_table(
-        f"{answer['number']}, {answer['laboratory']}, {answer['date']}: {items}",
-        ["quantity", "name", "id or kind", "value", "standard uncertainty", "unit", "k"],
-        [_row(one) for one in answer["quantities"]],
-        note=f"DCC {answer['schema']}. {signed}",
-    )
-
-
-def _row(one: dict[str, Any]) -> list[str]:
-    sigma = one["standard_uncertainties"]
-    if one["not_read"] and not one["values"]:
-        return [str(one["number"]), one["name"], _mark(one), one["not_read"], "", "", ""]
-    unit = ", ".join(one["units"]) + (f" ({one['not_read']})" if one["not_read"] else "")
-    return [
-        str(one["number"]), one["name"], _mark(one), _several(one["values"]),
-        "none stated" if sigma is None else _several(sigma), unit,
-        ", ".join(f"{k:g}" for k in one["coverage_factors"]),
-    ]  # fmt: skip
-
-
-def _mark(one: dict[str, Any]) -> str:
-    return one["id"] or " ".join(one["kinds"])
-
-
-def _several(values: list[float]) -> str:
-    text = " ".join(f"{value:.6g}" for value in values[:6])
-    return text if len(values) <= 6 else f"{text} ... ({len(values)})"
+    print_summary(described(certificate), as_json)
 
 
 def apply(
@@ -165,14 +134,13 @@ def apply(
     answer = apply_certificate(
         certificate, [pair_of(text) for text in keys], out, cell=cell, dataset=dataset, channel=channel
     )
-    if as_json:
-        print_json(answer)
-        return
-    for row in answer["written"]:
-        typer.echo(f"{row['key']} from {row['quantity']}: {row['sigma'] or 'no uncertainty stated'}")
+    lines = [
+        PlainLine(f"{row['key']} from {row['quantity']}: {row['sigma'] or 'no uncertainty stated'}")
+        for row in answer["written"]
+    ]
     if answer["signed"]:
-        typer.echo("note: the signature of the certificate was not checked")
-    say_written(out, f"wrote {out}: {answer['certificate']}")
+        lines.append(PlainLine("note: the signature of the certificate was not checked"))
+    print_summary(Lines(answer, *lines), as_json, out, ": {certificate}")
 
 
 def write(
@@ -209,11 +177,8 @@ def write(
         result, out, laboratory=laboratory, person=person, country=country, city=city, serial=serial,
         dates=days(measured), schema=schema,
     )  # fmt: skip
-    if as_json:
-        print_json(answer)
-        return
     checked = "valid by the schema" if answer["checked"] else "not checked against a schema"
-    say_written(out, f"wrote {out}: {answer['number']}, {answer['quantities']} quantities, {checked}")
+    print_summary(Lines(answer), as_json, out, f": {{number}}, {{quantities}} quantities, {checked}")
 
 
 dcc.command("show")(show)

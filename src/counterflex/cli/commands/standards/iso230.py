@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -11,7 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Average, Files, Format, FrameOf, Out
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, print_summary, progress_bar
 
 iso230 = typer.Typer(no_args_is_help=True, help="Circular tests, straightness and positioning (ISO 230).")
 
@@ -19,6 +19,8 @@ CommandedPath = Annotated[
     Path | None,
     option("--path", "What was commanded: table (.csv: x_mm,y_mm,z_mm) or program.", arguments.file, "CSV|PROGRAM"),
 ]
+
+_FILES = ": report.html, figures.csv, readings.parquet, summary.json"
 
 
 def circularity(
@@ -52,30 +54,7 @@ def circularity(
         summary = job.circular(
             files, out, path=path, radius_mm=radius_mm, frame=frame, form=form, average_ms=average_ms, progress=progress
         )
-    if as_json:
-        print_json(summary)
-        return
-    radius = summary["radius_mm"]
-    names = ["G_um", "G_lsc_um", "F_max_um", "F_min_um", "F_nominal_max_um", "F_nominal_min_um", "axial_um"]
-    names = [name for name in names if any(row.get(name) is not None for row in summary["turns"])]
-    print_table(
-        "Turns, um" if radius is None else f"Turns about a nominal radius of {radius:g} mm, um",
-        ["turn", "direction", *(name.removesuffix("_um").replace("_", " ") for name in names), "radius mm"],
-        [
-            [str(row["turn"]), row["direction"], *(_um(row.get(name)) for name in names), f"{row['radius_mm']:.4f}"]
-            for row in summary["turns"]
-        ],
-    )
-    if summary["bi_directional"]:
-        print_table(
-            "Both directions, um",
-            ["pair", "G(b)", "G(b) lsc", "D", "H (1996)"],
-            [
-                [str(row["pair"]), *(_um(row[name]) for name in ("G_b_um", "G_b_lsc_um", "D_um", "H_um"))]
-                for row in summary["bi_directional"]
-            ],
-        )
-    _show_conditions(summary, out)
+    print_summary(summary, as_json, out, _FILES)
 
 
 def straightness(
@@ -98,20 +77,7 @@ def straightness(
 
     with progress_bar("straightness") as progress:
         summary = job.straight(files, out, path=path, frame=frame, form=form, average_ms=average_ms, progress=progress)
-    if as_json:
-        print_json(summary)
-        return
-    names = ["horizontal", "horizontal_ls", "vertical", "vertical_ls", "cylinder", "cylinder_ls"]
-    print_table(
-        "Straightness, um: minimum zone and least squares (ls)",
-        ["stretch", "cycle", "length mm", *(name.replace("_", " ") for name in names)],
-        [
-            [str(row["stretch"]), str(row["cycle"]), f"{row['length_mm']:.1f}", *(_um(row[f"{n}_um"]) for n in names)]
-            for row in summary["stretches"]
-        ],
-        note=f"left out: {summary['ends_left_out']}",
-    )
-    _show_conditions(summary, out)
+    print_summary(summary, as_json, out, _FILES)
 
 
 def positioning(
@@ -136,30 +102,4 @@ def positioning(
     from counterflex.app.robot_tests.positioning import judge_positioning
 
     summary = judge_positioning(file, out)
-    if as_json:
-        print_json(summary)
-        return
-    figures = summary["figures"]
-    print_table(
-        f"Positioning over {summary['length_mm']:g} mm, um",
-        ["figure", "both directions", "up", "down"],
-        [[letter, *(_um(figures.get(f"{letter}{way}_um")) for way in ("", "_up", "_down"))] for letter in "AREMB"],
-        note="up: towards larger targets; not corrected to 20 degC",
-    )
-    for line in summary["not_by_standard"]:
-        typer.echo(f"not by ISO 230-2: {line}")
-    say_written(out, f"wrote {out}: report.html, figures.csv, summary.json")
-
-
-def _um(value: float | None) -> str:
-    return "" if value is None else f"{value:.1f}"
-
-
-def _show_conditions(summary: dict[str, Any], out: Path | None) -> None:
-    typer.echo(f"frame: {summary['frame']}; filter: {summary['filter']}; commanded: {summary['commanded']}")
-    say_written(out, f"wrote {out}: report.html, figures.csv, readings.parquet, summary.json")
-
-
-iso230.command("circularity")(circularity)
-iso230.command("straightness")(straightness)
-iso230.command("positioning")(positioning)
+    print_summary(summary, as_json, out, ": report.html, figures.csv, summary.json")
