@@ -104,9 +104,7 @@ def wrench(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of it 
     """Generic wrench datagrams, several one behind the other. An input is cut into rows of 72 bytes."""
     seeds = [
         b"".join(
-            wrenches.write_wrench(
-                wrenches.Wrench((first + k) % 2**32, 10**6 * k, status, k, (1.0, -2.0, 3.0, 4.0, 5.0, k))
-            )
+            wrenches.Wrench((first + k) % 2**32, 10**6 * k, status, k, (1.0, -2.0, 3.0, 4.0, 5.0, k)).written()
             for k in range(4)
         )
         for first, status in ((7, 0), (2**32 - 2, 4), (5, 1), (9, 2))

@@ -162,7 +162,7 @@ def force(*, compiled: bool = True) -> Target:
     own = instrument(netft_kernel, "take_records", compiled=compiled)
     counts = (1, 2, 3, -4, 5, -(2**31))
     seeds = [
-        b"".join(netft.write_record(netft.NetftRecord((first + k) % 2**32, k, status, counts)) for k in range(4))
+        b"".join(netft.NetftRecord((first + k) % 2**32, k, status, counts).written() for k in range(4))
         for first, status in ((7, 0), (2**32 - 2, 0x80010000), (5, 0x80000002))
     ]
     rows, lengths = np.zeros((64, 2048), dtype=np.uint8), np.zeros(64, dtype=np.int64)

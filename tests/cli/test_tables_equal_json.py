@@ -96,7 +96,13 @@ def test_the_table_of_changes(counterflex: Any, tmp_path: Path, by: str) -> None
 
 @pytest.mark.parametrize(("share", "least"), [(0.031, 0.62), (0.5, 0.4)])
 def test_slowed_cycles_are_shown_in_per_cent(share: float, least: float) -> None:
-    found = {"events": [], "event_counts": {}, "wear": None, "slowed_share": share, "least_speed": least}
+    found: dict[str, Any] = {
+        "events": [],
+        "event_counts": {},
+        "wear": None,
+        "slowed_share": share,
+        "least_speed": least,
+    }
     (line,) = process_parts(found)
     assert f"slowed in {100 * share:.1f} % of the cycles, down to {100 * least:.0f} %" in str(line)
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from counterflex.app.first_cut.first_cut import doubts
 from counterflex.app.first_cut.posterior import (
     OTHERWISE,
     MeasuredCoordinates,
     Patterns,
+    doubts,
     estimated,
     left_out,
     share_left,

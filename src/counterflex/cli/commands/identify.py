@@ -100,7 +100,9 @@ def identify(
             progress=progress,
         )
     if as_json:
-        print_json(job.plain(result))
+        from counterflex.files.identification_file import plain_json
+
+        print_json(plain_json(result))
         return
     from counterflex.report.identification_page import IdentificationSummary
 
