@@ -147,7 +147,7 @@ def unknown_axes(robot: Robot, table: RobotTable) -> tuple[int, ...]:
     """
     stated = {row.segment for row in table.elastic if any(getattr(row, key) is not None for key in _TURNS)}
     axes = {segment.joint: segment.name for segment in robot.segments if segment.joint is not None}
-    chain = ElasticChain.build(replace(robot, regions=()))  # regions may name bodies of the end effector
+    chain = ElasticChain.build(replace(robot, regions=(), curves=()))  # they may name bodies of the end effector
     return tuple(axis for axis in rigid_axes(chain) if axes[axis] not in stated)
 
 
