@@ -183,19 +183,14 @@ def test_a_path_beyond_the_angles_of_a_region_is_told(tmp_path: Path, program: P
         assert any("axis2.rz over the angle of axis 2 was measured" in w for w in said) is expected
 
 
+def _bending(tables: dict[str, object]) -> None:
+    """Change a cell so that its spindle bends by its load, and by the angle of an axis."""
+    row = {"segment": "spindle", "direction": "rz", "factors": [1.1, 0.9]}
+    _set("end_effector", 0, "rz_urad_per_knm", value=2000.0)(tables)
+    _set("robot", "compliance_curve", value=[{**row, "loads_nm": [-10, 10]}])(tables)
+    _set("robot", "elastic_region", value=[{**row, "axis": 6, "angles_deg": [-90, 90]}])(tables)
+
+
 def test_springs_of_the_end_effector_may_change_with_load_and_posture(tmp_path: Path) -> None:
     """What identification finds of a body behind the flange names a body that the robot alone has not."""
-    body = tomllib.loads((DATA / "small.toml").read_text())["end_effector"][0]["name"]
-    cell = _cell(
-        tmp_path,
-        lambda tables: (
-            _set("end_effector", 0, "rz_urad_per_knm", value=2000.0)(tables),
-            _set("robot", "compliance_curve", value=[
-                {"segment": body, "direction": "rz", "loads_nm": [-10, 10], "factors": [1.1, 0.9]}
-            ])(tables),
-            _set("robot", "elastic_region", value=[
-                {"segment": body, "direction": "rz", "axis": 6, "angles_deg": [-90, 90], "factors": [1.1, 0.9]}
-            ])(tables),
-        ),
-    )  # fmt: skip
-    assert read_cell(cell).unknown_axes == read_cell(DATA / "small.toml").unknown_axes
+    assert read_cell(_cell(tmp_path, _bending)).unknown_axes == read_cell(DATA / "small.toml").unknown_axes
