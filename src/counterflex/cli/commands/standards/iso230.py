@@ -103,3 +103,8 @@ def positioning(
 
     summary = judge_positioning(file, out)
     print_summary(summary, as_json, out, ": report.html, figures.csv, summary.json")
+
+
+iso230.command("circularity")(circularity)
+iso230.command("straightness")(straightness)
+iso230.command("positioning")(positioning)
