@@ -73,10 +73,10 @@ def path_of() -> PathOf:
 @pytest.fixture(scope="session")
 def cell_of() -> CellOf:
     def make(**changes: dict[str, Any]) -> Cell:
-        """The test cell, with keys of its tables replaced."""
+        """The test cell, with keys of its tables replaced; of the material all where it is of another law."""
         data = tomllib.loads(CELL.read_text(encoding="utf-8"))
         for key, values in changes.items():
-            data.setdefault(key, {}).update(values)
+            data[key] = values if "law" in values else data.get(key, {}) | values
         return resolve(parse(CellTables, data, where="test"), CELL)
 
     return make

@@ -59,4 +59,8 @@ def test_every_recipe_is_kept_from_the_others() -> None:
     contracts = project["tool"]["importlinter"]["contracts"]
     (contract,) = (c for c in contracts if c.get("containers") == ["counterflex.identify"])
     assert contract["exhaustive"] is True
-    assert " | ".join(sorted(file.parent.name for file in ROOMS.glob("identify/*/recipe.py"))) in contract["layers"]
+    recipes = {file.parent.name for file in ROOMS.glob("identify/*/recipe.py")}
+    apart, *_ = (
+        layer.split(" | ") for layer in contract["layers"] if "servo" in layer.split(" | ")
+    )  # on timing and play
+    assert " | ".join(sorted(recipes - set(apart))) in contract["layers"]

@@ -32,6 +32,7 @@ from counterflex.evaluate.path_error.learning import MeasuredError
 from counterflex.files.part_deviations import MeasuredPart
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.chip_range import uncertainty
+from counterflex.plan.feed_limits import LimitedLine
 from counterflex.plan.plan import Plan
 
 QUICK = settings(max_examples=25)
@@ -226,20 +227,9 @@ def test_a_lowered_feed_is_told_of_each_line_by_its_least_and_the_way_that_is_sl
     assert (found["swing_um"], found["extra_s"]) == (30.0, pytest.approx(late, abs=6e-4))
 
 
-class Line:
-    """A line of a limited feed."""
-
-    line, share, limit, before, after_share = 12, 0.4, "force", 2.5, 0.95
-
-
-class Limited:
-    """A limited feed."""
-
-    extra_s, lines = 3.0, (Line(),)
-
-
 def test_limits_show_the_share_before_and_after() -> None:
-    (row,) = shown_limits(Limited())["lines"]  # type: ignore[arg-type]
+    limited: Any = SimpleNamespace(extra_s=3.0, lines=(LimitedLine(12, 0.4, "force", 2.5, 0.95),))
+    (row,) = shown_limits(limited)["lines"]
     assert (row["before_percent"], row["after_percent"], row["feed_percent"]) == (250.0, 95.0, 40.0)
     assert row["kept"]
 
