@@ -116,6 +116,21 @@ def test_a_stranger_does_not_take_the_place_of_the_controller() -> None:
     own.close()
 
 
+def test_a_controller_whose_cable_was_pulled_begins_again_and_no_stranger_in_its_place(wire: StreamWire) -> None:
+    with socket.create_connection(wire.address) as before, socket.socket() as stranger:
+        before.sendall(b"one\nhalf of")
+        assert message(wire) == b"one\n"
+        stranger.bind(("127.0.0.2", 0))
+        stranger.connect(wire.address)
+        stranger.sendall(b"lies\n")
+        assert wire.receive(0) == 0
+        assert wire.send(b"still here\n", before.getsockname())
+        with socket.create_connection(wire.address) as again:
+            again.sendall(b"two\n")
+            assert message(wire) == b"two\n"
+            assert wire.senders[0] & 0xFFFF == again.getsockname()[1]
+
+
 def test_a_port_that_is_taken_or_a_host_that_is_none_is_said(wire: StreamWire) -> None:
     with pytest.raises(OutputError, match="cannot be opened"):
         StreamWire("127.0.0.1", wire.address[1], 40, line_length)

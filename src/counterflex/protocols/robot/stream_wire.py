@@ -29,7 +29,8 @@ def line_length(data: bytes) -> int:
 class StreamWire:
     """A TCP connection as a :class:`counterflex.protocols.robot.wire.Wire`; an ended one is opened again.
 
-    What cannot be cut into messages ends the connection: behind it no byte is known to begin one.
+    What cannot be cut into messages ends the connection: behind it no byte is known to begin one. A controller that
+    connects once more, from the same computer, has begun again: the connection before may never end by itself.
 
     Args:
         host: Address to listen on.
@@ -78,10 +79,14 @@ class StreamWire:
         end = self.now_ns() + max(0, timeout_ns)
         while not self._message():
             left_s = max(0, end - self.now_ns()) * 1e-9
-            if self._stream is None:
-                self._open(left_s)
-            elif select.select([self._stream], [], [], left_s)[0]:
-                self._take()
+            if self._listener is None and self._stream is None:
+                self._connect(left_s)
+            else:
+                ready = select.select([one for one in (self._listener, self._stream) if one], [], [], left_s)[0]
+                if self._listener in ready:
+                    self._accept()
+                elif ready:
+                    self._take()
             if self.now_ns() >= end:
                 return int(self._message())
         return 1
@@ -98,23 +103,29 @@ class StreamWire:
         self.lengths[0], self._kept = length, self._kept[length:]
         return length > 0
 
-    def _open(self, wait_s: float) -> None:
+    def _connect(self, wait_s: float) -> None:
         try:
-            if self._listener is None:
-                self._stream, name = socket.create_connection(self.address, timeout=max(wait_s, 1e-3)), self.address
-            elif select.select([self._listener], [], [], wait_s)[0]:
-                self._stream, name = self._listener.accept()
-            else:
-                return
-            self._stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # an answer must not wait for the next
-            self._stream.setblocking(False)
-            sender = host_address(name[0])
-            if self._host not in (None, sender):  # it would hold the one place that the controller needs
-                self._end()
-            self.senders[0] = sender << 16 | name[1]
-        except OSError:  # a controller that is off, or that went away at once: it is a cycle without a telegram
-            self._end()
+            self._begin(socket.create_connection(self.address, timeout=max(wait_s, 1e-3)), self.address)
+        except OSError:  # a controller that is off is a cycle without a telegram
             time.sleep(wait_s)
+
+    def _accept(self) -> None:
+        assert self._listener is not None
+        try:
+            stream, name = self._listener.accept()
+            owner = self._host if self._stream is None else int(self.senders[0]) >> 16
+            if owner in (None, host_address(name[0])):
+                self._begin(stream, name)
+            else:  # it would hold the one place that the controller needs
+                stream.close()
+        except OSError:  # it went away at once
+            return
+
+    def _begin(self, stream: socket.socket, name: tuple[str, int]) -> None:
+        self._end()
+        stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # an answer must not wait for the next
+        stream.setblocking(False)
+        self._stream, self.senders[0] = stream, host_address(name[0]) << 16 | name[1]
 
     def _take(self) -> None:
         assert self._stream is not None
