@@ -42,7 +42,7 @@ _COMMENTS = "whole-line comments in 1000 lines of code in `{}`"
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
     "modules": 1161,
-    "lines": 220_338,
+    "lines": 220_349,
     _BIG: 7,
     _WIDE: 5,
     _PATHS: 0,
