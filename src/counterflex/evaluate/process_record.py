@@ -34,7 +34,7 @@ class ProcessEvent:
     limit: float
 
     def shown(self) -> dict[str, Any]:
-        """What, when and where."""
+        """Event, time and place in plain values."""
         return plain(self, "event cycle time_s:3 path_mm:3")
 
 

@@ -192,5 +192,5 @@ def _bending(tables: dict[str, object]) -> None:
 
 
 def test_springs_of_the_end_effector_may_change_with_load_and_posture(tmp_path: Path) -> None:
-    """What identification finds of a body behind the flange names a body that the robot alone has not."""
+    """Identification names bodies behind the flange, which the robot alone has not."""
     assert read_cell(_cell(tmp_path, _bending)).unknown_axes == read_cell(DATA / "small.toml").unknown_axes

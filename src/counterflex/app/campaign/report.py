@@ -316,7 +316,7 @@ def refusals(summary: Mapping[str, Any]) -> list[str]:
 
 
 class CampaignSummary(Summary):
-    """What was identified, and path errors before and after."""
+    """Identified parameters, and path errors before and after."""
 
     def _shown(self) -> Parts:
         if lines := headline_rows(self):

@@ -27,7 +27,7 @@ def krl_wait(condition: str, limit_s: float, fault: str) -> list[str]:
     Args:
         condition: KRL expression.
         limit_s: Time until it halts, s.
-        fault: PlainLine in the line that halts.
+        fault: Said in the line that halts.
     """
     return [
         f"$TIMER_STOP[{TIMER}]=TRUE",
