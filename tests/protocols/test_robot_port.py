@@ -232,6 +232,7 @@ def test_a_lock_is_refused_while_held_and_free_when_its_holder_is_killed(tmp_pat
     own, other = context.Pipe()
     process = context.Process(target=_hold, args=(tmp_path, other))
     process.start()
+    other.close()  # a process that cannot start ends the wait
     try:
         assert own.recv() == "held"
         with pytest.raises(OutputError, match=f"process {process.pid}"):
